@@ -29,7 +29,14 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import ctl_ros
 from evgp_rcs_console.client import Client, request_message
-from evgp_rcs_console.command_line import COMMANDS, parse, STARTING, TAKEN, Told
+from evgp_rcs_console.command_line import (
+    COMMANDS,
+    NO_STOP_SENT,
+    parse,
+    STARTING,
+    TAKEN,
+    Told,
+)
 from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.ctl import TIDY
 from evgp_rcs_console.ctl_ros import Hearing
@@ -713,7 +720,15 @@ def test_a_program_that_may_not_command_says_so_in_a_sentence() -> None:
 
     assert done.returncode == USAGE
     assert '/officials' in done.stderr
-    assert done.stderr.count('\n') == 1
+    assert done.stderr.splitlines()[1:] == [NO_STOP_SENT]
+
+
+def test_a_stop_with_a_wrong_setting_of_ros_says_that_it_was_not_sent() -> None:
+    with Domain() as domain:
+        done = run(domain.number, 'red-flag', '--ros-args', '--no-such-option')
+
+    assert done.returncode == USAGE
+    assert done.stderr.splitlines()[-1] == NO_STOP_SENT
 
 
 def test_a_watch_says_that_somebody_is_there_at_a_terminal_but_not_through_a_pipe(

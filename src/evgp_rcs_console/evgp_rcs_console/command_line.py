@@ -233,7 +233,7 @@ def _number(kind: type[float], name: str, most: float) -> Callable[[str], float]
 
     def read(text: str) -> float:
         number = kind(text)
-        if not 0 <= number <= most:
+        if '_' in text or not 0 <= number <= most:  # Python reads 1_2 as 12
             raise ValueError
         return number
 

@@ -103,7 +103,7 @@ def attend(
     try:
         join_graph('rcs_ctl', given)
     except (GraphError, UnknownROSArgsError) as error:
-        return Told(Exit.USAGE, error=f'rcs_ctl: {error}')
+        return Told(Exit.USAGE, error=f'rcs_ctl: {error}\n{wanted.parser.unsent}')
     parts.callback(rclpy.try_shutdown)
     hearing = Hearing()
     # Watching needs no permission to command, and a spectators' screen has none.
@@ -113,7 +113,7 @@ def attend(
         client = Client('rcs_ctl', hearing, commands=commands, there='rcs_ctl' * _is_at(wanted))
     except RCLError as error:
         said = texts.NOT_ALLOWED.format(error=error)
-        return Told(Exit.USAGE, error=f'rcs_ctl: {said}')
+        return Told(Exit.USAGE, error=f'rcs_ctl: {said}\n{wanted.parser.unsent}')
     parts.callback(client.close)
     ready = now()
     until = min(ready + float(wanted.wait), began + STARTING + float(wanted.wait) - GRACE)

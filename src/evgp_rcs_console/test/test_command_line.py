@@ -34,6 +34,8 @@ def test_all_kill_is_taken_however_it_is_typed(line: str) -> None:
         ('all-kill --wait nan', NO_STOP_SENT),
         ('red-flag --wait -1', NO_STOP_SENT),
         ('kart-red-red 70000', NO_STOP_SENT),
+        ('kart-red-red 1_2', NO_STOP_SENT),
+        ('kart-in-garage 1_2 --made-safe-by-hand', NOTHING_SENT),
         ('record-msr', NO_STOP_SENT),
         ('stop', NO_STOP_SENT),
         ('', NO_STOP_SENT),
