@@ -12,6 +12,7 @@ import math
 import pathlib
 import shutil
 import tempfile
+import textwrap
 import wave
 
 from evgp_protocol import clock
@@ -32,6 +33,9 @@ PLACES = 5
 
 MANY = 4
 """Maximum number of karts that fit in large type if their MSR alerts are not shown in full."""
+
+LONGEST = 10_000
+"""Maximum length of an alert's sentence, in characters."""
 
 SOUND_AGAIN = 4.0
 """Time after which the alarm sounds again while an alert is unseen, in seconds."""
@@ -101,13 +105,14 @@ class Alarm:
         self._folder.cleanup()
 
 
-def page(notices: Sequence[Notice], at: float, sentences: int) -> str:
+def page(notices: Sequence[Notice], at: float, sentences: int, most: int) -> str:
     """
     Return alerts as HTML, on a coloured background until they are seen.
 
     :param at: race control's time now, in seconds.
     :param sentences: number of alerts to show with their sentence. An alert that is not about a
         kart always shows its sentence.
+    :param most: maximum length of a sentence; the rest of a longer one becomes dots.
     """
     tables = []
     for number, notice in enumerate(notices):
@@ -119,7 +124,7 @@ def page(notices: Sequence[Notice], at: float, sentences: int) -> str:
             size = look.px(NUMBER if notice.use_msr else LARGE)
             kart = f'&nbsp;<span style="font-size:{size}px">{notice.kart or ""}</span>'
             age = words.clock(max(0.0, at - notice.alert.since))
-        text = html.escape(notice.text)
+        text = html.escape(textwrap.shorten(notice.text, most, placeholder=' …'))
         if number >= sentences and kart and notice.kart:
             text = ''
         tables.append(
@@ -166,7 +171,7 @@ class AlertsArea(Panel):
         buttons = self._see, self._see_all, self._mute
         for button in buttons:
             fixed(button, height=24)
-        self._body = QtWidgets.QLabel()
+        self._body = QtWidgets.QLabel(objectName='alert_texts')
         self._body.setAlignment(TOP)
         self._body.setWordWrap(True)
         self._body.setSizePolicy(self.sizePolicy())
@@ -244,11 +249,13 @@ class AlertsArea(Panel):
         Show as many alerts as fit, and return the number shown.
 
         If the sentences do not all fit, only the first alert and the alerts that are not about a
-        kart keep their sentences.
+        kart keep their sentences. If even the first sentence does not fit, it ends with dots; the
+        events have all of it.
         """
         count = min(len(self._notices), PLACES)
-        for shown, sentences in ((count, count), *((each, 1) for each in range(count, 0, -1))):
-            self._body.setText(page(self._notices[:shown], at, sentences))
+        tries = [(count, count, LONGEST), *((each, 1, LONGEST) for each in range(count, 0, -1))]
+        for shown, sentences, most in (*tries, (1, 1, 300), (1, 1, 200), (1, 1, 100)):
+            self._body.setText(page(self._notices[:shown], at, sentences, most))
             if not self.cut:
                 break
         return shown

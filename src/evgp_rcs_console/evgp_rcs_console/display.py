@@ -50,7 +50,7 @@ from evgp_rcs_console.settings import keep_night
 from evgp_rcs_console.sheets import Heats, Help, Officials, Question, Sheet
 from evgp_rcs_console.style import DAY, GAP, look, NIGHT
 from evgp_rcs_console.view import Button, Latest, Screen
-from evgp_rcs_console.widgets import CENTER, CommandButton, fixed, font, lay, rescale, Text
+from evgp_rcs_console.widgets import CENTER, CommandButton, fixed, font, lay, mark, rescale, Text
 
 
 @dataclass(frozen=True)
@@ -404,7 +404,13 @@ class BottomLine:
             self.show()
 
     def show(self) -> None:
-        self._label.show_cell(self._cell(clock.now()))
+        """Show the line, in smaller type if it is too long otherwise."""
+        cell = self._cell(clock.now())
+        if cell.text != self._label.text():
+            mark(self._label, kind='bold')
+            self._label.show_cell(cell)
+            mark(self._label, kind='small' if self._label.cut else 'bold')
+        self._label.show_cell(cell)
 
     def _cell(self, now: float) -> Cell:
         stops = [
