@@ -26,7 +26,7 @@ from evgp_rcs_console.karts import chooses
 from evgp_rcs_console.keys import Stroke
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import Signature
-from evgp_rcs_console.view import ANSWER_KEYS, Button, Screen
+from evgp_rcs_console.view import ANSWER_KEYS, Button, FINISH_KEYS, Screen
 from evgp_rcs_console.widgets import CommandButton
 
 UNDO_AFTER = 2.0
@@ -152,10 +152,11 @@ class CommandInput(QtCore.QObject):
             return False
         if aimed is not None and aimed.is_instant:
             self.press(aimed)
-        elif there is not None and not there.is_instant:
-            self.refuse_changed(there)
-        else:
+            return True
+        missed = there or aimed
+        if missed is None or missed.is_instant:
             return False
+        self.refuse_changed(missed)
         return True
 
     def refuse_changed(self, button: Button) -> None:
@@ -341,7 +342,7 @@ class Keyboard:
             'Down': lambda _: self._chosen.choose_next(1),
             'Return': self._press_focused,
             'Ctrl+L': lambda _: presses.toggle_events(),
-            'Backspace': self._chosen.erase,
+            'Backspace': self._type,
             'Esc': lambda _: self._cancel(),
         }
 
@@ -373,14 +374,21 @@ class Keyboard:
         if stroke.window:
             self._acts[stroke.window](at)
         elif stroke.digit:
-            # Even with the heats open, a digit also begins a kart number, as a stop may follow.
-            self._chosen.add(stroke.digit, at)
-            self._areas.heats.focus_on(self._chosen.digits)
+            self._type(at, stroke.digit)
         elif stroke.to_chosen and twice and not self._chosen.kart and not self._chosen.digits:
             pass  # the first press has already used the kart number
         elif stroke.stop or not twice:
             self._press(stroke, at)
         return True
+
+    def _type(self, at: float, digit: str = '') -> None:
+        """Add a digit to the number of a kart and of a heat, or delete the last one."""
+        # Even with the heats open, the digits are a kart's number too, as a stop may follow.
+        if digit:
+            self._chosen.add(digit, at)
+        else:
+            self._chosen.erase(at)
+        self._areas.heats.focus_on(self._chosen.digits)
 
     def _acts_late(self, stroke: Stroke | None) -> bool:
         """Return whether a key acts however late it is, because it stops or chooses a kart."""
@@ -416,7 +424,7 @@ class Keyboard:
         elif stroke is not None and stroke.window in ('Return', 'Backspace'):
             self._acts[stroke.window](at)
         elif stroke is not None and stroke.digit:
-            self._chosen.add(stroke.digit, at)
+            self._type(at, stroke.digit)
         elif stroke is not None and stroke.stop and not stroke.asks:
             self._press(stroke, at)  # a stop never waits for an answer
         elif stroke is not None:
@@ -434,6 +442,8 @@ class Keyboard:
             kart = _kart_at(screen, stroke.finish)
             if not kart:
                 self._chosen.clear()
+                name = FINISH_KEYS[stroke.finish]
+                self._bottom.say(texts.NO_KART_OF_LETTER.format(name=name), Tone.BAD)
                 return
         elif stroke.to_chosen:
             kart, why = self._chosen.take(CATALOGUE[stroke.commands[0]].label, at)

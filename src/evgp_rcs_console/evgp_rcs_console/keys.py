@@ -29,12 +29,15 @@ FORGOTTEN = 5.0
 MOST_DIGITS = 6
 """Maximum number of typed digits shown; a kart's number has at most four."""
 
-_ROWS_OF_LETTERS = ((24, 'QWERTYUIOP'), (38, 'ASDFGHJKL'), (52, 'ZXCVBNM'))
-"""The rows of letters on a keyboard: the code of the first letter's position, and the letters."""
 
-_LETTER_AT = {
-    code + place: letter for code, row in _ROWS_OF_LETTERS for place, letter in enumerate(row)
-}
+def _positions(rows: Mapping[int, str]) -> dict[int, str]:
+    """Return the key at each position, from the position of the first key in each row."""
+    return {code + place: key for code, row in rows.items() for place, key in enumerate(row)}
+
+
+_LETTER_AT = _positions({24: 'QWERTYUIOP', 38: 'ASDFGHJKL', 52: 'ZXCVBNM'})
+_DIGIT_AT = _positions({79: '789', 83: '456', 87: '1230'})
+"""The digits of the keypad. Without Num Lock, Qt calls them Home, Up, and so on."""
 
 
 def key_name(name: str, text: str, code: int) -> str:
@@ -47,6 +50,8 @@ def key_name(name: str, text: str, code: int) -> str:
     """
     if len(text) == 1 and text in string.digits:
         return text  # some layouts need Shift for digits
+    if code in _DIGIT_AT:
+        return _DIGIT_AT[code]
     modifiers, plus, last = name.rpartition('+')
     if len(last) == 1 and not last.isascii():
         return f'{modifiers}{plus}{_LETTER_AT.get(code, last)}'
@@ -111,8 +116,9 @@ class Stroke:
 
 def meaning(key: str) -> Stroke | None:
     """Return the meaning of the key with this name; None if the key has no meaning."""
-    if key in KEYS:
-        return Stroke(KEYS[key], to_chosen=CATALOGUE[KEYS[key][0]].to_one_kart)
+    commands = KEYS.get(key.replace('Shift+', ''))  # Shift may be held by accident
+    if commands is not None:
+        return Stroke(commands, to_chosen=CATALOGUE[commands[0]].to_one_kart)
     if key in FINISH_KEYS:
         return Stroke(finish=FINISH_KEYS.index(key))
     key = 'Return' if key == 'Enter' else key

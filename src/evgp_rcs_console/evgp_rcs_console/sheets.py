@@ -232,12 +232,6 @@ class Choice(Sheet):
         """Return the first option's button, or the closing button if there are no options."""
         return self._offered[0] if self._offered else self._close
 
-    def focus_on(self, number: str) -> None:
-        """Focus the button with a number, if there is one, so that Enter presses that button."""
-        for each in self._offered:
-            if each.isVisible() and each.key == number:
-                each.setFocus()
-
 
 class Heats(Choice):
     """Lists the heats in the roster, with the buttons that read the roster again."""
@@ -258,6 +252,12 @@ class Heats(Choice):
             widget.show_button(button)
             if number <= len(heats):
                 widget.setObjectName(f'heat_{number}')
+
+    def focus_on(self, number: str) -> None:
+        """Focus the heat with a number, so that Enter presses it, or CANCEL if there is none."""
+        if self.isVisible():
+            heat = self.findChild(CommandButton, f'heat_{number}')
+            (self._close if heat is None else heat).setFocus()
 
     def _choose(self, down: Button, button: Button) -> None:
         self.close_sheet()

@@ -69,6 +69,12 @@ def test_a_key_tells_whether_it_gives_a_stop() -> None:
     assert stops == {'F4', 'F9', 'Ctrl+R', 'Ctrl+F'}
 
 
+def test_a_command_is_sent_although_shift_is_held() -> None:
+    for key in KEYS:
+        held, plus, last = key.rpartition('+')
+        assert meaning(f'{held}{plus}Shift+{last}') == meaning(key)
+
+
 def test_other_keys_mean_nothing() -> None:
     assert [meaning(key) for key in ('Alt+F4', 'Ctrl+C', 'Tab', 'Ctrl+A', '', '½')] == [None] * 6
 
@@ -85,6 +91,10 @@ def test_other_keys_mean_nothing() -> None:
         ('Ö', 'ö', 47, 'Ö'),
         ('Ctrl+7', '', 16, 'Ctrl+7'),
         ('F4', '', 70, 'F4'),
+        ('Num+Up', '', 80, '8'),  # the keypad without Num Lock, and then an arrow
+        ('Num+Clear', '', 84, '5'),
+        ('Num+Ins', '', 90, '0'),
+        ('Up', '', 111, 'Up'),
     ],
 )
 def test_a_key_means_the_same_on_every_layout(

@@ -597,6 +597,19 @@ def test_a_digit_moves_to_its_heat_and_is_still_the_number_of_a_kart_for_a_stop(
     assert console.commands == [(CommandKind.KART_RED_RED, 2)]
 
 
+def test_a_number_of_no_heat_puts_no_other_heat_into_the_race(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(2, RaceState.IN_GARAGE))
+    for typed in (('3',), ('2', '2'), ('2', 'Backspace')):
+        console.press('Ctrl+H', *typed, 'Return')
+
+        assert not console.sent
+        assert not console.find('heats').isVisible()
+        console.window.display.chosen.clear()
+    console.press('Ctrl+H', '2', '3', 'Backspace', 'Return')
+    assert [given.heat for given in console.sent] == ['Final']
+
+
 def test_after_an_orderly_end_the_window_asks_for_no_msr_until_another_run_is_gone(
     opened: Any,
 ) -> None:
@@ -801,6 +814,17 @@ def test_a_click_just_after_the_roster_changed_hits_no_other_kart(opened: Any, s
     assert stop or 'WAS NOT SENT' in console.text('status')
 
 
+def test_a_click_on_a_row_that_has_just_gone_says_that_nothing_was_sent(opened: Any) -> None:
+    console, race = opened(), race_of(8)
+    console.tell(race)
+    point = console.place('kart_finish_8')
+    console.tell(replace(race, karts=race.karts[:1]))
+    console.click_at(point)
+
+    assert not console.sent
+    assert 'FINISH kart 8 WAS NOT SENT' in console.text('status')
+
+
 @pytest.mark.parametrize('stop', [True, False])
 def test_a_button_held_down_while_the_rows_move_goes_to_no_other_kart(
     opened: Any, stop: bool
@@ -927,6 +951,29 @@ def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(open
 
     assert 'USE THE MSR' in console.text('banner')
     assert console.find('humans').property('tone') == 'bad'
+
+
+def test_what_is_too_long_for_the_bottom_line_is_shown_in_smaller_type(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(8))
+    status = console.find('status')
+    sizes = []
+    for why in (WHY, 4 * WHY, WHY):
+        console.inbox.on_answer(Given(CommandKind.IN_GARAGE), Answer(False, why))
+        console.settle()
+        sizes.append(status.font().pixelSize())
+        assert not status.cut
+
+    assert sizes[0] == sizes[2] > sizes[1]
+
+
+def test_an_alert_that_is_too_long_for_its_room_ends_with_dots(opened: Any) -> None:
+    console = opened()
+    long = Alert(AlertKind.TRACK_UNSAFE, 0, 0.0, 9 * WHY, True)
+    console.tell(race_of(8, alerts=(long, alert(8))))
+
+    assert not console.window.alerts.cut
+    assert '…' in console.find('alert_texts').text()
 
 
 def test_the_banner_of_race_control_is_at_the_top(opened: Any) -> None:
@@ -1296,6 +1343,16 @@ def test_a_letter_that_was_meant_to_count_a_crossing_finishes_no_kart(opened: An
 
     assert not console.sent
     assert 'WAS NOT SENT' in console.text('status')
+
+
+@pytest.mark.parametrize('name', ['C', 'Shift+A'])
+def test_a_letter_of_no_kart_says_that_nothing_was_sent(opened: Any, name: str) -> None:
+    console = opened()
+    console.tell(race_of(2))
+    console.press(name)
+
+    assert not console.sent
+    assert texts.NO_KART_OF_LETTER.format(name=name) in console.text('status')
 
 
 def test_the_answer_to_a_crossing_stays_since_no_snapshot_tells_of_it(opened: Any) -> None:
