@@ -18,7 +18,6 @@ import os
 import sys
 from typing import NamedTuple, NoReturn
 
-from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
 
 
@@ -80,19 +79,31 @@ NOTHING_SENT = 'Nothing was sent.'
 NO_STOP_SENT = 'NO STOP WAS SENT. all-kill stops every kart; USE THE MSR if that fails.'
 
 
+class WrongLineError(Exception):
+    """The command line is wrong, which the parser of a command has found."""
+
+    def __init__(self, found_by: Parser, message: str) -> None:
+        super().__init__(message)
+        self.found_by = found_by
+
+
 class Parser(argparse.ArgumentParser):
     """
-    Parses a command line. If the line is wrong, it prints that nothing was sent.
+    Parses a command line.
 
-    :ivar unsent: the text of that message. It is stronger if a stop may have been meant.
+    :ivar unsent: the text that says that nothing was sent. It is stronger if a stop may have been
+        meant.
     """
 
     unsent = NO_STOP_SENT
 
     def error(self, message: str) -> NoReturn:
-        """Print what is wrong and that nothing was sent, then exit."""
-        self.print_usage(sys.stderr)
-        self.exit(Exit.USAGE, f'{self.prog}: {message}\n{self.unsent}\n')
+        """
+        Report that the line is wrong.
+
+        :raises WrongLineError: always.
+        """
+        raise WrongLineError(self, message)
 
 
 def parse(given: Sequence[str]) -> argparse.Namespace:
@@ -100,7 +111,7 @@ def parse(given: Sequence[str]) -> argparse.Namespace:
     Return the parsed command line; exit if it is wrong.
 
     The command may be in capitals and contain underscores. No other words on the line keep ALL
-    KILL from being sent.
+    KILL from being sent; options that are wrong are then left out.
     """
     own = without_ros_arguments(given)
     command = ''
@@ -114,9 +125,16 @@ def parse(given: Sequence[str]) -> argparse.Namespace:
             break
         if name in COMMANDS and not command:
             command = own[place] = name
-    wanted, more = parser().parse_known_args(own)
-    if more and COMMANDS.get(wanted.command) is not CommandKind.ALL_KILL:
-        wanted.parser.error(f'not understood: {" ".join(more)}')
+    try:
+        wanted, more = parser().parse_known_args(own)
+        if more and wanted.command != ALL_KILL:
+            wanted.parser.error(f'not understood: {" ".join(more)}')
+    except WrongLineError as wrong:
+        if own[:1] == [ALL_KILL]:
+            return parser().parse_args([ALL_KILL])
+        wrong.found_by.print_usage(sys.stderr)
+        said = f'{wrong.found_by.prog}: {wrong}\n{wrong.found_by.unsent}\n'
+        wrong.found_by.exit(Exit.USAGE, said)
     return wanted
 
 

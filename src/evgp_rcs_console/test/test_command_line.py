@@ -17,6 +17,7 @@ import pytest
     [
         *('all-kill', 'ALL-KILL', 'All_Kill', 'ALL KILL', 'all-kill 7', 'ALL-KILL now --hard'),
         *('--wait=2 ALL-KILL', 'grid-active 1 2 all-kill', 'please ALL-KILL', '77 all kill'),
+        *('all-kill --wait nan', 'all-kill --official', '--wait soon all-kill'),
     ],
 )
 def test_all_kill_is_taken_however_it_is_typed(line: str) -> None:
@@ -31,7 +32,6 @@ def test_all_kill_is_taken_however_it_is_typed(line: str) -> None:
         ('kart-red-red', NO_STOP_SENT),
         ('kart-red-red seven', NO_STOP_SENT),
         ('red-flag 7', NO_STOP_SENT),
-        ('all-kill --wait nan', NO_STOP_SENT),
         ('red-flag --wait -1', NO_STOP_SENT),
         ('kart-red-red 70000', NO_STOP_SENT),
         ('kart-red-red 1_2', NO_STOP_SENT),
