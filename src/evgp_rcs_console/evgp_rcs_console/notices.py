@@ -299,8 +299,6 @@ class EventLog:
             told = self._of_karts(karts, what)
         elif event.kind is EventKind.ALL_ACKNOWLEDGED:
             told, what = self._told(event), texts.LOG_ACKNOWLEDGED.format(state=state)
-        elif event.kind is EventKind.RACE_STATE:
-            told = f'{state}: {event.text.partition(": ")[2]}'
         elif event.kind is EventKind.ALERT_CLEARED and event.alert is not None:
             told = f'{texts.ALERT_ENDED}: {texts.alert_was(event.alert, event.kart)}'
         else:
