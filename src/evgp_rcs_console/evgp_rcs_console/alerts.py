@@ -11,6 +11,7 @@ import html
 import math
 import pathlib
 import shutil
+import sys
 import tempfile
 import textwrap
 import wave
@@ -33,9 +34,6 @@ PLACES = 5
 
 MANY = 4
 """Maximum number of karts that fit in large type if their MSR alerts are not shown in full."""
-
-LONGEST = 10_000
-"""Maximum length of an alert's sentence, in characters."""
 
 SOUND_AGAIN = 4.0
 """Time after which the alarm sounds again while an alert is unseen, in seconds."""
@@ -105,7 +103,7 @@ class Alarm:
         self._folder.cleanup()
 
 
-def page(notices: Sequence[Notice], at: float, sentences: int, most: int) -> str:
+def page(notices: Sequence[Notice], at: float, sentences: int, most: int = sys.maxsize) -> str:
     """
     Return alerts as HTML, on a coloured background until they are seen.
 
@@ -253,9 +251,10 @@ class AlertsArea(Panel):
         events have all of it.
         """
         count = min(len(self._notices), PLACES)
-        tries = [(count, count, LONGEST), *((each, 1, LONGEST) for each in range(count, 0, -1))]
-        for shown, sentences, most in (*tries, (1, 1, 300), (1, 1, 200), (1, 1, 100)):
-            self._body.setText(page(self._notices[:shown], at, sentences, most))
+        whole = [(count, count), *((each, 1) for each in range(count, 0, -1))]
+        cut = [(1, 1, most) for most in (300, 200, 100)]
+        for shown, sentences, *most in (*whole, *cut):
+            self._body.setText(page(self._notices[:shown], at, sentences, *most))
             if not self.cut:
                 break
         return shown
