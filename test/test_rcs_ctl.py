@@ -731,6 +731,35 @@ def test_a_stop_with_a_wrong_setting_of_ros_says_that_it_was_not_sent() -> None:
     assert done.stderr.splitlines()[-1] == NO_STOP_SENT
 
 
+def test_a_name_in_another_encoding_keeps_no_stop_back(lasting: RaceControl) -> None:
+    done = run(lasting.domain, 'red-flag', '--official', os.fsdecode('Jürgen'.encode('latin-1')))
+
+    assert done.returncode == ACCEPTED, done.stderr
+
+
+def test_a_request_that_ros_cannot_carry_is_said_not_to_be_sent_and_stops_still_are(
+    lasting: RaceControl,
+) -> None:
+    context = Context()
+    rclpy.init(context=context, domain_id=lasting.domain)
+    hearing = Hearing()
+    client = Client('wrong', hearing, context=context, use_global_arguments=False)
+    try:
+        assert client.wait_for(CommandKind.SET_HEAT, PATIENCE)
+        client.give(Given(CommandKind.SET_HEAT, heat='\udcff'))
+        assert hearing.wait_for(lambda: hearing.answer, now() + PATIENCE)
+        assert hearing.answer is not None
+        assert 'was not sent' in hearing.answer[1].message
+        client.give(Given(CommandKind.RED_FLAG, official='\udcff'))
+        client.give(Given(CommandKind.ALL_KILL))
+        hearing.wait_for(lambda: hearing.answer and hearing.answer[1].success, now() + PATIENCE)
+        assert hearing.answer[0].command is CommandKind.ALL_KILL
+        assert hearing.wait_for(lambda: hearing.standing[0].said, now() + PATIENCE)
+    finally:
+        client.close()
+        rclpy.try_shutdown(context=context)
+
+
 def test_a_watch_says_that_somebody_is_there_at_a_terminal_but_not_through_a_pipe(
     lasting: RaceControl, join_official: JoinOfficial
 ) -> None:

@@ -308,7 +308,16 @@ class Client:
 
     def _request(self, given: Given) -> None:
         service = self._services[CATALOGUE[given.command].service]
-        future = service.call_async(request_message(given))
+        try:
+            future = service.call_async(request_message(given))
+        except Exception as error:  # noqa: BLE001 - whatever it is, this thread must send stops
+            why = f'{texts.full_name(given)} was not sent: {error}'
+            if CATALOGUE[given.command].stop:
+                with self._lock:
+                    self._standing.refused(given, why, final=False)
+            else:
+                self._listener.on_answer(given, Answer(False, why))
+            return
         with self._lock:
             self._waiting[future] = given, now()
         future.add_done_callback(self._answered)

@@ -210,12 +210,12 @@ def parser() -> argparse.ArgumentParser:
             )
         for field in entry.takes if command not in OF_RACE_CONTROL else ():
             kind, meaning = TAKEN[field]
+            taken = {'race': _race_number}.get(field, _count) if kind is int else kind
             if field in NAMES_WHAT:
-                each.add_argument(field, type=_count if kind is int else kind, help=meaning)
+                each.add_argument(field, type=taken, help=meaning)
             elif kind is bool:
                 each.add_argument(f'--{field}', action='store_true', help=meaning)
             else:
-                taken = _count if kind is int else kind
                 each.add_argument(f'--{field}', type=taken, default=kind(), help=meaning)
         if entry.flag is not None:
             flag, statement = entry.flag
@@ -261,4 +261,5 @@ def _number(kind: type[float], name: str, most: float) -> Callable[[str], float]
 
 _seconds = _number(float, 'number of seconds', MOST_WAIT)
 _kart_number = _number(int, 'kart number', 65535)
+_race_number = _number(int, 'race number', 65535)
 _count = _number(int, 'whole number', 2**32 - 1)

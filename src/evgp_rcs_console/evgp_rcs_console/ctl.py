@@ -57,7 +57,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         argcomplete.autocomplete(parser())
         raise AssertionError('argcomplete exits')  # Tab must never send a command
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    # ROS cannot carry a word in another encoding, such as a name typed at an old terminal.
+    given = [os.fsencode(each).decode(errors='replace') for each in words]
     wanted = parse(given)
     # A shell that starts a program in the background makes it ignore SIGINT; Python keeps that.
     signal.signal(signal.SIGINT, signal.default_int_handler)

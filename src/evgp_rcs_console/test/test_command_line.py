@@ -40,6 +40,7 @@ def test_all_kill_is_taken_however_it_is_typed(line: str) -> None:
         ('stop', NO_STOP_SENT),
         ('', NO_STOP_SENT),
         ('leave 3 4', NOTHING_SENT),
+        ('penalise 3 --race 65537 --reason cut', NOTHING_SENT),
         ('leave', NOTHING_SENT),
         ('watch --wait inf', NOTHING_SENT),
         ('results 7', NOTHING_SENT),
