@@ -230,9 +230,7 @@ def _consequences(
 
 
 def _held(kart: KartSnapshot) -> str:
-    hold = STATES[kart.hold]
-    said = kart.hold_reason.startswith(f'{hold} by ')
-    return f'{kart}: {kart.hold_reason if said else f"{hold}, {kart.hold_reason}"}'
+    return f'{kart}: {STATES[kart.hold]}, {kart.hold_reason}'
 
 
 def also(following: Sequence[Given]) -> str:

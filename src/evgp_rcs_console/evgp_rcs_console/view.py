@@ -674,7 +674,9 @@ def _answer(kart: KartSnapshot, now: float, missing: Tone) -> Cell:
     if kart.sent is RaceState.IN_GARAGE:
         return Cell('')
     if kart.acknowledged and kart.in_doubt:
-        left = texts.left((kart.settles_at or now) - now)
+        if kart.settles_at is None:  # it moved, and no waiting ends the doubt
+            return Cell('! may move', Tone.BAD)
+        left = texts.left(kart.settles_at - now)
         return Cell(texts.SETTLING.format(seconds=left), Tone.WAIT)
     if kart.acknowledged:
         return Cell(texts.ANSWERS[kart.sent], Tone.GOOD)

@@ -858,6 +858,12 @@ def test_the_end_of_one_of_two_race_controls_is_not_taken_for_the_end_of_the_oth
         assert silent.title == (texts.GONE if two else texts.ENDED)
 
 
+def test_a_kart_that_moved_on_the_grid_is_not_said_to_need_only_time() -> None:
+    screen = with_kart(acknowledged=True, may_be_moving=True)
+
+    assert screen.rows[0].answer == Cell('! may move', Tone.BAD)
+
+
 # ----- the way of a race ------------------------------------------------------------------
 
 
