@@ -256,6 +256,7 @@ class Mouse:
     def __init__(self, presses: CommandInput, late: LateInput) -> None:
         self._active_since: float | None = None
         self._brought_forward = False
+        self._held: CommandButton | None = None
         self._areas = presses.display.areas
         self._bottom = presses.display.bottom
         self._presses = presses
@@ -280,15 +281,19 @@ class Mouse:
         """Handle a mouse event; return True if no widget may get this event."""
         age = self._late.age(event)
         kind = event.type()
-        if kind == QtCore.QEvent.Type.MouseButtonRelease:
-            if age >= STALE:
-                self._let_go(age)
-            return False
         double = kind == QtCore.QEvent.Type.MouseButtonDblClick
-        if not double and kind != QtCore.QEvent.Type.MouseButtonPress:
+        released = kind == QtCore.QEvent.Type.MouseButtonRelease
+        if not (double or released or kind == QtCore.QEvent.Type.MouseButtonPress):
             return False
         point = event.globalPosition().toPoint()
         target = self._areas.childAt(self._areas.mapFromGlobal(point))
+        held, self._held = self._held, None
+        if released:
+            if age >= STALE:
+                self._let_go(age)
+            elif held is not None and held is not target:
+                self._bottom.say(texts.SLIPPED.format(name=_called(held)), Tone.WAIT)
+            return False
         shown = self._areas.seen.seen(clock.now() - age)
         if shown is not None and self._presses.missed(target, shown.at(point)):
             return True
@@ -305,9 +310,12 @@ class Mouse:
         question = self._areas.question
         if target in (question.yes, question.also) and not question.settled:
             return True
-        # A button may have appeared since the first press of a double click; the second press is
-        # not meant for that button.
-        return double and button is not None
+        if double:
+            # A button may have appeared since the first press of a double click; the second press
+            # is not meant for that button.
+            return button is not None
+        self._held = button if isinstance(button, CommandButton) else None
+        return False
 
     def _let_go(self, age: float) -> None:
         """Cancel the press of a button that was pressed in time but released too late."""

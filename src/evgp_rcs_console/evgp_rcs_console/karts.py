@@ -182,6 +182,10 @@ def _halves(room: QtCore.QRect, is_long: bool = False) -> tuple[QtCore.QRect, Qt
     return inner.adjusted(0, 0, 0, upper), inner.adjusted(0, inner.height() + upper, 0, 0)
 
 
+ANSWERED = {Tone.GOOD: '✓', Tone.WAIT: '…', Tone.BAD: '!'}
+"""The symbol of a kart's answer on its tile, by the tone of the answer."""
+
+
 class Tiles(QtWidgets.QWidget):
     """Shows a tile for each kart, with its number and state, if the rows do not all fit."""
 
@@ -212,7 +216,7 @@ class Tiles(QtWidgets.QWidget):
             is_chosen = row.number == self._table.chosen
             frame = look.palette.chosen if is_chosen else look.palette.line
             _box(painter, room, fill, frame, 3)
-            answer = '✗' if lost else {Tone.GOOD: '✓', Tone.WAIT: '…'}.get(row.answer.tone, '')
+            answer = '✗' if lost else ANSWERED.get(row.answer.tone, '')
             small = font(min(look.px(SMALL), round(wide) * 3 // 10), True)
             upper = room.adjusted(0, 0, 0, -room.height() // 2)
             lower = room.adjusted(0, room.height() // 2, 0, 0)

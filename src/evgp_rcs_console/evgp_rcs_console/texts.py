@@ -135,6 +135,7 @@ DROPPED = (
 )
 KEYS_OFF_LARGE = 'KEYS OFF'
 KEYS_OFF_DETAIL = 'ALL KILL works only with the mouse. Click this window.'
+SLIPPED = '{name} was not sent: the pointer had left the button. Click again.'
 BROUGHT_FORWARD = '{name} was not sent: the click only brought this window forward. Click again.'
 
 NOT_ALLOWED = (

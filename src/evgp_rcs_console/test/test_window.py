@@ -825,6 +825,21 @@ def test_a_click_on_a_row_that_has_just_gone_says_that_nothing_was_sent(opened: 
     assert 'FINISH kart 8 WAS NOT SENT' in console.text('status')
 
 
+def test_a_button_that_the_pointer_has_left_says_that_nothing_was_sent(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(8))
+    console.look()
+    point = console.place('kart_finish_8')
+    console.click_at(point, 'mousePress')
+    console.click_at(console.place('kart_finish_7'), 'mouseRelease')
+
+    assert not console.sent
+    assert texts.SLIPPED.format(name='FINISH kart 8') in console.text('status')
+    console.click('kart_finish_8')
+    assert console.commands == [(CommandKind.KART_FINISH, 8)]
+    assert 'FINISH kart 8 sent' in console.text('status')
+
+
 @pytest.mark.parametrize('stop', [True, False])
 def test_a_button_held_down_while_the_rows_move_goes_to_no_other_kart(
     opened: Any, stop: bool
