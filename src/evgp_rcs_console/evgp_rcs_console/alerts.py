@@ -24,7 +24,7 @@ from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.notices import AlertBook, Notice, summary
-from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
+from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.style import LARGE, look, NUMBER, SMALL
 from evgp_rcs_console.view import Screen
 from evgp_rcs_console.widgets import fixed, lay, mark, Panel, Push, Text, TOP
@@ -149,6 +149,9 @@ class AlertsArea(Panel):
 
     changed = Signal()
     """Emitted when SEEN marks nothing, because the alerts had just changed."""
+    pointed = Signal(str)
+    """Emitted when the pointer enters or leaves the area. Carries all the alerts if the pointer is
+    there and the area does not show them in full; otherwise an empty text."""
 
     def __init__(self) -> None:
         super().__init__('banner')
@@ -178,7 +181,7 @@ class AlertsArea(Panel):
         )
         grid.addWidget(self._summary, 1, 0, 1, 3)
         grid.addWidget(self._body, 2, 0, 1, 3)
-        self._shown = 0
+        self._shown, self._in_full = 0, True
         self._looks: object = None
 
     @property
@@ -189,6 +192,12 @@ class AlertsArea(Panel):
     @property
     def cut(self) -> bool:
         return bool(self._body.heightForWidth(self._body.width()) > self._body.height())
+
+    def enterEvent(self, event: QtGui.QEnterEvent) -> None:  # noqa: N802 - Qt's name
+        self.pointed.emit('' if self._in_full else '  '.join(map(str, self._notices)))
+
+    def leaveEvent(self, event: QtCore.QEvent) -> None:  # noqa: N802 - Qt's name
+        self.pointed.emit('')
 
     def take_race(self, race: Snapshot, two: bool) -> None:
         """Update the alerts from a snapshot and sound the alarm soon if one of them is new."""
@@ -247,8 +256,7 @@ class AlertsArea(Panel):
         Show as many alerts as fit, and return the number shown.
 
         If the sentences do not all fit, only the first alert and the alerts that are not about a
-        kart keep their sentences. If even the first sentence does not fit, it ends with dots; the
-        events have all of it.
+        kart keep their sentences. If even the first sentence does not fit, it ends with dots.
         """
         count = min(len(self._notices), PLACES)
         whole = [(count, count), *((each, 1) for each in range(count, 0, -1))]
@@ -257,6 +265,7 @@ class AlertsArea(Panel):
             self._body.setText(page(self._notices[:shown], at, sentences, *most))
             if not self.cut:
                 break
+        self._in_full = not most and sentences == len(self._notices)
         return shown
 
     @property

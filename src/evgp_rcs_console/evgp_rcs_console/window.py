@@ -51,6 +51,7 @@ class ConsoleWindow(Areas):
         self.karts.chosen.connect(chosen.choose_in_sight)
         self.karts.wanted.connect(chosen.choose)
         self.karts.pointed.connect(bottom.point_at)
+        self.alerts.pointed.connect(bottom.point_at)
         self.alerts.changed.connect(lambda: bottom.say(texts.ALERTS_CHANGED, Tone.WAIT))
         # The signals come from other threads, so they are always queued.
         queued = QtCore.Qt.ConnectionType.QueuedConnection
