@@ -731,6 +731,15 @@ def test_a_stop_with_a_wrong_setting_of_ros_says_that_it_was_not_sent() -> None:
     assert done.stderr.splitlines()[-1] == NO_STOP_SENT
 
 
+def test_a_stop_is_sent_although_ros_can_write_no_log(
+    lasting: RaceControl, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('ROS_LOG_DIR', '/proc/nowhere')
+    done = run(lasting.domain, 'red-flag')
+
+    assert done.returncode == ACCEPTED, done.stderr
+
+
 def test_a_name_in_another_encoding_keeps_no_stop_back(lasting: RaceControl) -> None:
     done = run(lasting.domain, 'red-flag', '--official', os.fsdecode('Jürgen'.encode('latin-1')))
 

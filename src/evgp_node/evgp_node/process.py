@@ -9,7 +9,7 @@ If the node cannot start because of a setting or an obstacle, one sentence on st
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import contextlib
 import gc
 import signal
@@ -96,6 +96,22 @@ def run_node(
     return code
 
 
+def join_graph(program: str, arguments: Sequence[str]) -> None:
+    """
+    Start ROS on loopback, or on the interface that is set. The program handles signals itself.
+
+    :param arguments: the program's arguments, of which ROS reads those after ``--ros-args``.
+    :raises GraphError: if no interface has the address that is set.
+    """
+    bind_graph()
+    # A log file on a hanging disk would block everything, for the reason in `unwaiting_output`. On
+    # a full disk, no program would start. The option --enable-external-lib-logs turns the file on.
+    own = ['--ros-args', '--disable-external-lib-logs', '--']
+    rclpy.init(
+        args=[program, *own, *arguments], signal_handler_options=rclpy.SignalHandlerOptions.NO
+    )
+
+
 def wait_until_heard(*publishers: Publisher) -> None:
     """
     Wait until every reliable subscriber has received the messages of these publishers.
@@ -124,14 +140,8 @@ def _run(
         end.send(b'\0')
 
     program, *given = sys.argv if args is None else args
-    # A log file on a hanging disk would block everything, for the reason in `unwaiting_output`.
-    # The option --enable-external-lib-logs turns the file on.
-    own = ['--ros-args', '--disable-external-lib-logs', '--']
     try:
-        bind_graph()
-        rclpy.init(
-            args=[program, *own, *given], signal_handler_options=rclpy.SignalHandlerOptions.NO
-        )
+        join_graph(program, given)
         node = make_node(fail)
     except (NotNowError, *obstacles) as error:
         print(f'{name}: {error}', file=sys.stderr)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import array
 from collections.abc import Sequence
+import contextlib
 import html
 import math
 import pathlib
@@ -61,20 +62,25 @@ class Alarm:
     """
     Plays the alarm in the background, again and again while there is a reason.
 
-    If no player is found, the system's bell rings instead. Many machines have it turned off.
+    If there is no player, or no room for the sound, the system's bell rings instead. Many machines
+    have it turned off.
     """
 
     def __init__(self) -> None:
         self.muted = False
         self._sounded_at = 0.0
+        self._parts = contextlib.ExitStack()
         self._player = next(filter(None, map(shutil.which, PLAYERS)), None)
-        self._folder = tempfile.TemporaryDirectory(prefix='rcs_gui-')
-        self._file = pathlib.Path(self._folder.name, 'alarm.wav')
-        with wave.open(str(self._file), 'wb') as out:
-            out.setnchannels(1)
-            out.setsampwidth(2)
-            out.setframerate(RATE)
-            out.writeframes(alarm())
+        try:
+            folder = self._parts.enter_context(tempfile.TemporaryDirectory(prefix='rcs_gui-'))
+            self._file = pathlib.Path(folder, 'alarm.wav')
+            with wave.open(str(self._file), 'wb') as out:
+                out.setnchannels(1)
+                out.setsampwidth(2)
+                out.setframerate(RATE)
+                out.writeframes(alarm())
+        except OSError:  # the disk is full: the window must open, so the bell must do
+            self._player = None
 
     def toggle(self) -> None:
         self.muted = not self.muted
@@ -100,7 +106,7 @@ class Alarm:
             QtCore.QProcess.startDetached(self._player, [str(self._file)])
 
     def close(self) -> None:
-        self._folder.cleanup()
+        self._parts.close()
 
 
 def page(notices: Sequence[Notice], at: float, sentences: int, most: int = sys.maxsize) -> str:

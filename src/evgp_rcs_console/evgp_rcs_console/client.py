@@ -15,7 +15,7 @@ The client has two threads of its own, so that no screen ever waits for ROS:
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 import contextlib
 import functools
 import ipaddress
@@ -27,7 +27,7 @@ from typing import Any, Protocol, TypeVar
 import uuid
 
 from evgp_node.codec import value_of
-from evgp_node.graph import bind_graph, EVERY, fence_graph, reachable_at
+from evgp_node.graph import EVERY, fence_graph, reachable_at
 from evgp_node.official import MOST_OF_NAME
 from evgp_node.process import wait_until_heard
 from evgp_node.qos import latched
@@ -64,7 +64,6 @@ from rclpy.qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
-from rclpy.signals import SignalHandlerOptions
 
 _Read = TypeVar('_Read')
 
@@ -410,17 +409,6 @@ class Client:
     def _fail(self, error: BaseException) -> None:
         # From now on, nothing is received. The screen shows that, and stops are still sent.
         self.node.get_logger().error(f'This program is no longer receiving the race: {error!r}')
-
-
-def join_graph(program: str, arguments: Sequence[str]) -> None:
-    """
-    Start ROS on the officials' graph: on loopback, or on the interface set for the officials.
-
-    :raises GraphError: if no interface has the address that is set.
-    """
-    bind_graph()
-    # The program handles signals itself, so that it ends in order.
-    rclpy.init(args=[program, *arguments], signal_handler_options=SignalHandlerOptions.NO)
 
 
 def request_message(given: Given) -> Any:

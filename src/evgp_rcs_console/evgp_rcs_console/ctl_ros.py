@@ -16,6 +16,7 @@ import threading
 
 from evgp_node.graph import GraphError
 from evgp_node.official import said_by, tidy
+from evgp_node.process import join_graph
 from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_node.results import Standings
 from evgp_protocol.clock import now
@@ -25,7 +26,7 @@ from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console import results, texts
 from evgp_rcs_console.catalogue import CATALOGUE
-from evgp_rcs_console.client import Client, domain_of, join_graph, looking, PRESENCE_PERIOD
+from evgp_rcs_console.client import Client, domain_of, looking, PRESENCE_PERIOD
 from evgp_rcs_console.command_line import COMMANDS, Exit, GRACE, STARTING, Told
 from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.settings import Signature
@@ -102,7 +103,7 @@ def attend(
     """
     try:
         join_graph('rcs_ctl', given)
-    except (GraphError, UnknownROSArgsError) as error:
+    except (GraphError, RCLError, UnknownROSArgsError) as error:
         return Told(Exit.USAGE, error=f'rcs_ctl: {error}\n{wanted.parser.unsent}')
     parts.callback(rclpy.try_shutdown)
     hearing = Hearing()

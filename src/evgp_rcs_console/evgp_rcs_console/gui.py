@@ -17,9 +17,10 @@ import time
 from typing import Any
 
 from evgp_node.graph import GraphError
+from evgp_node.process import join_graph
 from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_rcs_console import texts
-from evgp_rcs_console.client import Client, join_graph, looking, PRESENCE_PERIOD, spoken
+from evgp_rcs_console.client import Client, looking, PRESENCE_PERIOD, spoken
 from evgp_rcs_console.settings import Signature
 from rcl_interfaces.msg import ParameterDescriptor
 import rclpy
@@ -65,7 +66,7 @@ def main(
     given = list(sys.argv if arguments is None else ['rcs_gui', *arguments])
     try:
         join_graph(given[0], given[1:])
-    except (GraphError, UnknownROSArgsError) as error:
+    except (GraphError, RCLError, UnknownROSArgsError) as error:
         print(f'rcs_gui: {error}', file=sys.stderr)
         return 2
     application = QtWidgets.QApplication(remove_ros_args(given))

@@ -6,10 +6,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import errno
 import importlib
 import itertools
 import os
 import pathlib
+import tempfile
 import time
 from typing import Any
 
@@ -996,6 +998,19 @@ def test_an_alert_that_is_too_long_for_its_room_ends_with_dots_and_is_read_below
     QtTest.QTest.mouseMove(console.find('alert_texts'))
     console.settle()
     assert 4 * WHY in console.text('status')
+
+
+def test_the_window_opens_although_there_is_no_room_for_the_sound(
+    opened: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_room(**_: str) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(tempfile, 'TemporaryDirectory', no_room)
+    console = opened()
+    console.tell(race_of(8, alerts=(alert(8),)))
+
+    assert 'lost its connection' in console.text('banner')
 
 
 def test_the_banner_of_race_control_is_at_the_top(opened: Any) -> None:

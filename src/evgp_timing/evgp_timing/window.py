@@ -24,8 +24,9 @@ from evgp_node.codec import value_of
 from evgp_node.deadline import end_within
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.entries import Entry
-from evgp_node.graph import bind_graph, fence_graph, GraphError
+from evgp_node.graph import fence_graph, GraphError
 from evgp_node.official import claim, tidy
+from evgp_node.process import join_graph
 from evgp_node.qos import latched
 from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_node.results import Standings
@@ -169,9 +170,7 @@ def main(arguments: list[str] | None = None) -> int:
     if not any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM'))):
         return _refuse(NO_DISPLAY)
     try:
-        bind_graph()
-        own = [program, *given]
-        rclpy.init(args=own, signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        join_graph(program, given)
         client = Client()
     except RCLError as error:
         return _refuse(f'{NOT_ALLOWED} ({error})')
