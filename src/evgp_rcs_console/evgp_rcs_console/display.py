@@ -106,8 +106,9 @@ class SeenCommands(Aim[Shown]):
 
 def _commands(screen: Screen) -> list[object]:
     """Return the commands of the buttons that can move or change, in the order on the screen."""
-    buttons = [*(button for row in screen.rows for button in row.buttons), screen.track_button]
-    return [*((button.command, button.kart) for button in buttons), *_heats(screen)]
+    rows = [button for row in screen.rows for button in row.buttons]
+    gives = [button.gives for button in (*rows, screen.track_button, *screen.heats)]
+    return [(each.command, each.kart, each.heat, each.karts * bool(each.heat)) for each in gives]
 
 
 class Areas(QtWidgets.QWidget):
@@ -559,7 +560,3 @@ class Display(QtCore.QObject):
         else:
             hint = Cell('KEYS OFF: click this window', Tone.BAD)
         self.areas.kill.show_hint(hint, pressing=stop is not None)
-
-
-def _heats(screen: Screen) -> list[tuple[str, tuple[int, ...]]]:
-    return [(button.gives.heat, button.gives.karts) for button in screen.heats]

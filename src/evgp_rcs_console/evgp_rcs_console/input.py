@@ -396,7 +396,8 @@ class Keyboard:
             self._chosen.add(digit, at)
         else:
             self._chosen.erase(at)
-        self._areas.heats.focus_on(self._chosen.digits)
+        if not self._areas.question.isVisible():
+            self._areas.heats.focus_on(self._chosen.digits)
 
     def _acts_late(self, stroke: Stroke | None) -> bool:
         """Return whether a key acts however late it is, because it stops or chooses a kart."""

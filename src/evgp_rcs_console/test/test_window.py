@@ -608,7 +608,12 @@ def test_a_number_of_no_heat_puts_no_other_heat_into_the_race(opened: Any) -> No
         assert not console.sent
         assert not console.find('heats').isVisible()
         console.window.display.chosen.clear()
-    console.press('Ctrl+H', '2', '3', 'Backspace', 'Return')
+    console.press('F2')
+    console.click('set_heat')
+    console.find('no').setFocus()
+    console.press('2')
+    assert console.find('no').hasFocus()  # what is asked keeps the focus
+    console.press('N', 'Ctrl+H', '2', '3', 'Backspace', 'Return')
     assert [given.heat for given in console.sent] == ['Final']
 
 
