@@ -290,6 +290,19 @@ No,Class,FirstName,LastName,CarRegistration,DriverRegistration,Transponder1,Tran
             'address',
             [RosterEntry(3, 'École', '10.0.0.1', True)],
         ),
+        (
+            'sep=;\r\nStart No.;Team\r\n1;A\r\n;\r\n;\r\n',
+            'address',
+            [RosterEntry(1, 'A', '10.0.0.1', True)],
+        ),
+        (
+            'No,Team\n1,"Quick\n2,B\n3,"C"\n',
+            'address',
+            [
+                RosterEntry(number, team, f'10.0.0.{number}', True)
+                for number, team in enumerate(('Quick', 'B', 'C'), start=1)
+            ],
+        ),
     ],
 )
 def test_a_foreign_list_is_shown_as_a_roster_that_lacks_only_what_the_list_does_not_say(

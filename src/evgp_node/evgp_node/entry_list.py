@@ -21,7 +21,7 @@ from typing import TypeAlias
 _Kart: TypeAlias = tuple[str, str, str, list[str]]
 """The number, team, address and transponders of a kart; empty where the list has none."""
 
-_NUMBER = ('no', 'nr', 'number', 'startnumber', 'kart', 'kartnumber')
+_NUMBER = re.compile('(start|kart|car)?(no|nr|number)|kart')
 _TEAM = ('team', 'teamname', 'name', 'firstname', 'lastname')
 
 
@@ -32,6 +32,8 @@ def as_roster(text: str) -> tuple[str, str]:
     If the text is not such a list, the result is ('', '').
     """
     lines = [line for line in text.removeprefix('\ufeff').splitlines() if line.strip()]
+    if lines and lines[0].startswith('sep='):  # for Excel
+        del lines[0]
     if not lines:
         return '', ''
     pairs = [line.partition(':') for line in lines if not line.lstrip().startswith('#')]
@@ -40,13 +42,9 @@ def as_roster(text: str) -> tuple[str, str]:
             ('', _bare(team), _bare(address), []) for address, _, team in pairs
         )
         return _roster(old), 'number'
-    delimiter = max(',;\t', key=lines[0].count)
-    try:
-        head, *rows = csv.reader(lines, delimiter=delimiter)
-    except csv.Error:
-        return '', ''
+    head, *rows = _cells(lines)
     names = [re.sub('[^a-z]', '', each.lower()) for each in head]
-    numbers = [at for at, each in enumerate(names) if each in _NUMBER]
+    numbers = [at for at, each in enumerate(names) if _NUMBER.fullmatch(each)]
     teams = [at for at, each in enumerate(names) if each in _TEAM]
     if not (numbers and teams) or lines[0].startswith('#'):
         return '', ''
@@ -58,8 +56,19 @@ def as_roster(text: str) -> tuple[str, str]:
     karts = (
         (''.join(cells(row, numbers)[:1]), ' '.join(cells(row, teams)), '', cells(row, carried))
         for row in rows
+        if any(map(str.strip, row))  # Excel exports empty rows too
     )
     return _roster(karts), 'address'
+
+
+def _cells(lines: list[str]) -> list[list[str]]:
+    """Return the rows of a table, of which each line that is not inside quotes is one."""
+    delimiter = max(',;\t', key=lines[0].count)
+    try:
+        return [*csv.reader(lines, delimiter=delimiter, strict=True)]
+    except csv.Error:
+        # A quotation mark that nothing closes must not swallow the karts that follow.
+        return [[_bare(cell) for cell in line.split(delimiter)] for line in lines]
 
 
 def _bare(text: str) -> str:
