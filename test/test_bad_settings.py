@@ -168,6 +168,27 @@ def test_what_ros_would_ignore_in_a_parameter_file_is_known_with_its_line(
     )
 
 
+PAUSE = '/**:\n  ros__parameters:\n    pause: 2.0\n'
+
+
+@pytest.mark.parametrize(
+    ('content', 'line'),
+    [
+        (PAUSE.replace('2.0', '2.0\t# s').encode(), ':3'),
+        (f'{PAUSE}---\n{PAUSE}'.encode(), ':4'),
+        (PAUSE.encode('utf-16'), ''),
+        (b'\xef\xbb\xbf' + PAUSE.replace('\n', '\r\n').encode(), None),
+    ],
+)
+def test_a_parameter_file_that_only_ros_could_read_is_named_in_a_sentence(
+    tmp_path: pathlib.Path, content: bytes, line: str | None
+) -> None:
+    path = tmp_path / 'rcs.yaml'
+    path.write_bytes(content)
+    found = [*ignored(['--params-file', str(path)], '/rcs', alone=True)]
+    assert [each.startswith(f'{path}{line}: ') for each in found] == [True] * (line is not None)
+
+
 def test_what_ros_would_ignore_in_a_parameter_file_is_refused(
     refusal: Refusal, tmp_path: pathlib.Path
 ) -> None:

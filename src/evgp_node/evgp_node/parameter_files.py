@@ -5,6 +5,7 @@
 Finds duplicate keys and other nodes' sections in parameter files.
 
 ROS silently ignores both, so a setting there would have no effect, and no message would say so.
+Files that this module cannot read are faults too, even if ROS could.
 """
 
 from __future__ import annotations
@@ -29,7 +30,13 @@ def ignored(arguments: Sequence[str], node: str, alone: bool) -> Iterator[str]:
     for before, path in itertools.pairwise(arguments):
         if before != '--params-file':
             continue
-        root = yaml.compose(pathlib.Path(path).read_text(encoding='utf-8'), yaml.SafeLoader)
+        try:
+            root = yaml.compose(pathlib.Path(path).read_text(encoding='utf-8'), yaml.SafeLoader)
+        except (yaml.YAMLError, UnicodeDecodeError) as error:  # the parser of ROS accepts more
+            mark = getattr(error, 'problem_mark', None)
+            where, what = (f':{mark.line + 1}', error.problem) if mark else ('', error)
+            yield f'{path}{where}: {what}. Write one document in UTF-8, with spaces and no tabs'
+            continue
         for key, first in _twice(root):
             line = first.start_mark.line + 1
             yield _said(path, key, f'{key.value!r} is already in line {line}. Write it once')
