@@ -34,7 +34,7 @@ def ignored(arguments: Sequence[str], node: str, alone: bool) -> Iterator[str]:
             root = yaml.compose(pathlib.Path(path).read_text(encoding='utf-8'), yaml.SafeLoader)
         except (yaml.YAMLError, UnicodeDecodeError) as error:  # the parser of ROS accepts more
             mark = getattr(error, 'problem_mark', None)
-            where, what = (f':{mark.line + 1}', error.problem) if mark else ('', error)
+            where, what = f':{mark.line + 1}' if mark else '', getattr(error, 'problem', error)
             yield f'{path}{where}: {what}. Write one document in UTF-8, with spaces and no tabs'
             continue
         for key, first in _twice(root):
