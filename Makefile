@@ -137,9 +137,9 @@ run:
 	$(IN_WORKSPACE) sh -c 'ROS_SECURITY_ENCLAVE_OVERRIDE=$${ROS_SECURITY_ENCLAVE_OVERRIDE:+/timekeeper} \
 	  setpriv --pdeathsig TERM python -m evgp_node.restarting "$$1" --ros-args \
 	  --params-file "$$2" -p "$$3" & shift 3; exec python -m evgp_node.restarting "$$@"' run \
-	  install/evgp_timing/lib/evgp_timing/timekeeper '$(abspath $(TIMING))' 'roster:=$(abspath $(ROSTER))' \
+	  install/evgp_timing/lib/evgp_timing/timekeeper '$(TIMING)' 'roster:=$(ROSTER)' \
 	  install/evgp_rcs/lib/evgp_rcs/rcs_node --ros-args \
-	  --params-file '$(abspath $(PARAMS))' -p 'roster:=$(abspath $(ROSTER))' \
+	  --params-file '$(PARAMS)' -p 'roster:=$(ROSTER)' \
 	  $(if $(ADDRESS),-p 'address:=$(ADDRESS)')
 
 # Paths refer to the other machine; relative ones start in the folder in FROM.
@@ -151,7 +151,7 @@ takeover:
 	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_takeover '$(ADDRESS)' '$(INTERFACE)' $(ARGS)
 
 roster:
-	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_roster check '$(abspath $(ROSTER))'
+	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_roster check '$(ROSTER)'
 
 record:
 	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_record $(ARGS)
@@ -188,7 +188,7 @@ bridge:
 timing:
 	$(IN_WORKSPACE) python -m evgp_node.restarting \
 	  install/evgp_timing/lib/evgp_timing/timing_source --ros-args \
-	  -p 'kind:=$(KIND)' -p 'device:=$(DEVICE)' $(ARGS)
+	  $(if $(KIND),-p 'kind:=$(KIND)') $(if $(DEVICE),-p 'device:=$(DEVICE)') $(ARGS)
 
 # It restarts after a crash, but not if a setting is wrong.
 board:

@@ -33,17 +33,18 @@ ROOT = MADE / 'root'
 INSIDE = ROOT / HOME[1:]
 
 COMMANDS = {
-    'run': ('run', 'ADDRESS'),
-    'window': ('console', 'OFFICIAL'),
-    'ctl': ('ctl', 'OFFICIAL'),
-    'record': ('record', ''),
-    'rehearsal': ('rehearsal', ''),
-    'roster': ('roster', ''),
-    'spare': ('spare', 'RECORD'),
-    'takeover': ('takeover', ''),
-    'timekeeper': ('timekeeper', 'OFFICIAL'),
+    'run': ('run', 'ADDRESS', ('ROSTER', 'PARAMS', 'TIMING', 'ADDRESS', 'OFFICIALS')),
+    'window': ('console', 'OFFICIAL', ('OFFICIAL', 'OFFICIALS')),
+    'ctl': ('ctl', 'OFFICIAL', ('OFFICIAL', 'OFFICIALS')),
+    'record': ('record', '', ()),
+    'rehearsal': ('rehearsal', '', ()),
+    'roster': ('roster', '', ('ROSTER',)),
+    'spare': ('spare', 'RECORD', ('FROM', 'ROSTER', 'PARAMS', 'RECORD')),
+    'takeover': ('takeover', '', ('ADDRESS', 'INTERFACE', 'OFFICIALS')),
+    'timekeeper': ('timekeeper', 'OFFICIAL', ('OFFICIAL', 'OFFICIALS')),
 }
-"""The make target behind each `evgp-...` command, and its variable that may be left empty."""
+"""The make target behind each `evgp-...` command, its variable that may be left empty, and all the
+settings that it accepts as NAME=value before its arguments, as make does."""
 
 OPTIONLESS = ('roster', 'run', 'timekeeper', 'window')
 """Commands that accept only NAME=value."""
@@ -62,30 +63,7 @@ VARIABLES = {
     'ROSTER': 'the roster file; without it, karts.yaml in this folder',
     'TIMING': "the timekeeper's parameter file; without it, the one in the package",
 }
-"""Settings that commands accept as NAME=value before their arguments, as make does."""
-
-TAKES = {
-    'run': ('ROSTER', 'PARAMS', 'TIMING', 'ADDRESS', 'OFFICIALS'),
-    'timekeeper': ('OFFICIAL', 'OFFICIALS'),
-    'window': ('OFFICIAL', 'OFFICIALS'),
-    'ctl': ('OFFICIAL', 'OFFICIALS'),
-    'roster': ('ROSTER',),
-    'spare': ('FROM', 'ROSTER', 'PARAMS', 'RECORD'),
-    'takeover': ('ADDRESS', 'INTERFACE', 'OFFICIALS'),
-}
-"""The settings that each command accepts."""
-
-COMPLETION = """_{name}() {{
-    local word=${{COMP_WORDS[COMP_CWORD]}} before=${{COMP_WORDS[COMP_CWORD - 1]}}
-    if [[ $word == = || $before == = ]]; then
-        mapfile -t COMPREPLY < <(compgen -f -- "${{word#=}}")
-    else
-        mapfile -t COMPREPLY < <(compgen -W "{names}" -- "$word")
-        compopt -o nospace
-    fi
-}}
-complete -F _{name} {command}
-"""
+"""What the settings mean."""
 
 MENU = {
     'run': ('Race control', 'Run a race, with karts.yaml from the home folder', True),
@@ -129,7 +107,7 @@ UNITS = sorted(path.name for path in prepare.ROOT.glob('src/*/config/*.service')
 BEFORE_REMOVAL = f"""#!/bin/sh
 # Before dpkg removes or replaces the files: running programs would lose them or get other ones.
 set -e
-if grep -qsa '{HOME}/[i]nstall/' /proc/[0-9]*/cmdline; then
+if grep -qsa '{HOME}/[.i]' /proc/[0-9]*/cmdline; then
     echo 'Race control, a window or a rehearsal is running on this machine. End it first.' >&2
     exit 1
 fi
@@ -234,7 +212,7 @@ def in_shell(word: str) -> str:
     """Return a word of a recorded recipe for a script, with variables instead of marks."""
     if word == '@ARGS@':
         return '"$@"'
-    parts = re.split(r'/?@([A-Z]+)@', re.sub(r'^install/', f'{HOME}/install/', word))
+    parts = re.split('@([A-Z]+)@', re.sub(r'^install/', f'{HOME}/install/', word))
     quoted = [
         f'"${each}"' if at % 2 else shlex.quote(each) for at, each in enumerate(parts) if each
     ]
@@ -243,10 +221,8 @@ def in_shell(word: str) -> str:
 
 def script(command: str, about: str) -> str:
     """Return the script `evgp-...`: the recipe of its target, for any values of its variables."""
-    target, optional = COMMANDS[command]
+    target, optional, takes = COMMANDS[command]
     marks = {name: f'@{name}@' for name in VARIABLES}
-    # The slash keeps these from becoming paths in make's folder.
-    marks |= {name: f'/@{name}@' for name in ('PARAMS', 'ROSTER', 'TIMING')}
     marks['ARGS'] = '' if command in OPTIONLESS else '@ARGS@'
     runs = {}
     for empty in {'', optional}:
@@ -258,18 +234,16 @@ def script(command: str, about: str) -> str:
         f'PARAMS={HOME}/install/evgp_rcs/share/evgp_rcs/config/rcs.yaml ROSTER=karts.yaml',
         f'TIMING={HOME}/install/evgp_timing/share/evgp_timing/config/timekeeper.yaml',
         'OFFICIALS=${EVGP_GRAPH_INTERFACE-} ADDRESS= FROM= INTERFACE= OFFICIAL= RECORD=',
-        f'while [[ ${{1-}} =~ ^({"|".join(VARIABLES)})= ]]; do declare "$1"; shift; done',
         f'export EVGP_CALLED=evgp-{command}',
     ]
+    if takes:
+        of_them = f'[[ ${{1-}} =~ ^({"|".join(takes)})= ]]'
+        lines.append(f'while {of_them}; do declare "$1"; shift; done')
     if command in SET_BY_NAME:
         lines.append(f'[[ ${{1-}} != --help ]] || {{ echo {shlex.quote(about)}; exit; }}')
     if command in OPTIONLESS:
-        wrong = f'evgp-{command} does not accept $1. Give NAME=value, such as {how(command)}'
-        wrong = f'echo "{wrong}" >&2'
+        wrong = f'echo "evgp-{command} does not accept $1. See evgp-{command} --help" >&2'
         lines.append(f'(($# == 0)) || {{ {wrong}; exit 2; }}')
-    if command != 'spare':  # its paths refer to the other machine
-        paths = ('PARAMS', 'ROSTER', 'TIMING')
-        lines.append(' '.join(f'{name}=$(realpath -m "${name}")' for name in paths))
     lines += [
         'OFFICIAL=${OFFICIAL//\\"/}',
         'export EVGP_CTL="evgp-ctl ${OFFICIALS:+OFFICIALS=$OFFICIALS }%s"',
@@ -281,34 +255,13 @@ def script(command: str, about: str) -> str:
     return '\n'.join(lines) + '\n'
 
 
-def how(command: str) -> str:
-    """Return an example of a command's setting."""
-    examples = {'ROSTER': 'karts.yaml', 'OFFICIAL': 'Anna', 'FROM': 'anna@10.1.0.5:evgp'}
-    name = TAKES[command][0]
-    return f'{name}={examples.get(name, "10.0.0.1")}'
-
-
 def about_it(command: str, what: str) -> str:
     """Return the description and settings of a command."""
-    name, takes = f'evgp-{command}', TAKES.get(command, ())
-    usage = [name, *(f'[{each}=...]' for each in takes)]
+    takes = COMMANDS[command][2]
+    usage = [f'evgp-{command}', *(f'[{each}=...]' for each in takes)]
     usage += [] if command in OPTIONLESS else ['...']
     settings = [f'  {each:10} {VARIABLES[each]}' for each in takes]
-    return '\n'.join([f'{name}: {what}', f'usage: {" ".join(usage)}', *settings])
-
-
-def manual(command: str, about: str) -> str:
-    """Return the manual page of a command, made from its own help."""
-    first, _, text = about.partition('\n')
-    if command not in SET_BY_NAME:
-        words, _ = recorded(COMMANDS[command][0])
-        program = next(word for word in words if word.startswith('install/'))
-        called = {**os.environ, 'EVGP_CALLED': f'evgp-{command}', 'HOME': '/~'}
-        helped = output(prepare.ROOT / program, '--help', environment=called)
-        text += f'\n\n{helped.replace("/~/", "~/")}'
-    text = re.sub(r"^(?=[.'])", r'\\&', text.replace('\\', r'\e').replace('-', r'\-'), flags=re.M)
-    name = first.replace(': ', r' \- ', 1)
-    return f'.TH EVGP-{command.upper()} 1\n.SH NAME\n{name}\n.SH DESCRIPTION\n.nf\n{text}\n.fi\n'
+    return '\n'.join([f'evgp-{command}: {what}', f'usage: {" ".join(usage)}', *settings])
 
 
 def write(path: str, content: str, mode: int = 0o644) -> None:
@@ -319,21 +272,15 @@ def write(path: str, content: str, mode: int = 0o644) -> None:
 
 
 def write_surface() -> None:
-    """Write what officials use: commands with manual and completion, the menu, units."""
+    """Write what officials use: commands with help and completion, the menu, units."""
     helped = re.findall(r'^make (\w+) +(.*?) +\((.*)\)$', output('make', '-s', 'help'), re.M)
     says = {target: what for target, what, _ in helped}
-    for command, (target, _) in COMMANDS.items():
+    for command, (target, _, _) in COMMANDS.items():
         name, about = f'evgp-{command}', about_it(command, says[target])
         write(f'usr/bin/{name}', script(command, about), 0o755)
-        write(f'usr/share/man/man1/{name}.1', manual(command, about))
-        completion = f'complete -F _longopt {name}\n'  # bash-completion reads --help
         if command in ('ctl', 'record'):
             completion = output('register-python-argcomplete', name)
-        elif command in TAKES:
-            names = ' '.join(f'{each}=' for each in TAKES[command])
-            function = name.replace('-', '_')
-            completion = COMPLETION.format(name=function, names=names, command=name)
-        write(f'usr/share/bash-completion/completions/{name}', completion)
+            write(f'usr/share/bash-completion/completions/{name}', completion)
     for command, (name, comment, terminal) in MENU.items():
         program = IN_TERMINAL.format(f'evgp-{command}') if terminal else f'evgp-{command}'
         entry = f'[Desktop Entry]\nType=Application\nName={name}\nComment={comment}\n'
@@ -366,21 +313,16 @@ def main() -> None:
     how = ['--invalidation-mode', 'unchecked-hash', '-s', ROOT, '-p', '/']
     output(sys.executable, '-m', 'compileall', '-q', *how, INSIDE / '.venv', INSIDE / 'install')
     write_surface()
-    (major, minor), size = (
-        sys.version_info[:2],
-        sum(each.lstat().st_size for each in ROOT.rglob('*')),
-    )
-    depends = [
-        f'python3 (>= {major}.{minor})',
-        f'python3 (<< {major}.{minor + 1})',
-        *DESKTOP.split(),
-    ]
+    size = sum(each.lstat().st_size for each in ROOT.rglob('*'))
+    major, minor = sys.version_info[:2]
+    python = f'python3 (>= {major}.{minor}), python3 (<< {major}.{minor + 1})'
     write(
         'DEBIAN/control',
         f'Package: {NAME}\nVersion: {version}\nArchitecture: amd64\n'
         'Maintainer: EVGP race control maintainers <evgp-race-control@users.noreply.github.com>\n'
-        f'Installed-Size: {size // 1024}\nDepends: {", ".join(depends)}\n'
-        'Recommends: iputils-arping\nSuggests: bash-completion, openssh-client, sqlite3\n'
+        f'Installed-Size: {size // 1024}\nDepends: {", ".join([python, *DESKTOP.split()])}\n'
+        'Recommends: iputils-arping\n'
+        'Suggests: bash-completion, iproute2, openssh-client, sqlite3, sudo\n'
         'Description: race control for driverless kart races, with window and rehearsal\n',
     )
     for path in [each for each in ROOT.rglob('*') if not each.is_symlink()]:

@@ -17,7 +17,6 @@ half-made environment never counts as complete.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterable, Mapping, Sequence
 import dataclasses
 import fcntl
@@ -293,21 +292,14 @@ def build_workspace(*, sourced: bool) -> None:
 
 
 def main() -> None:
-    """Set up; with --fit, only say whether this interpreter can be used."""
-    parser = argparse.ArgumentParser(description='Set up .venv and build the workspace.')
-    parser.add_argument(
-        '--fit',
-        action='store_true',
-        help='only print this interpreter, or why it cannot be used (exit code 1)',
-    )
-    parser.add_argument(
-        '--console', action='store_true', help="also install what the officials' window needs"
-    )
-    arguments = parser.parse_args()
+    """
+    Set up. With --console, also install what the officials' window needs.
 
+    With --fit, only print this interpreter, or why it cannot be used (exit code 1).
+    """
     sourced, python = is_sourced(os.environ), Interpreter()
     reason = why_no_ros(os.environ) or why_unfit(python, sourced=sourced)
-    if arguments.fit:
+    if '--fit' in sys.argv:
         print(reason or python.executable)
         raise SystemExit(1 if reason else 0)
     if reason:
@@ -331,7 +323,7 @@ def main() -> None:
     key = digest(place + locks('build.txt', 'ros.txt', 'tools.txt'))
     has_python = (VENV / f'bin/python{chosen}').exists()
     make(VENV_STAMP, key, lambda: make_venv(sourced=sourced), has_python)
-    if arguments.console:
+    if '--console' in sys.argv:
         qt = "Qt for the officials' console"
         make(CONSOLE_STAMP, digest(locks('console.txt')), lambda: install(qt, 'console.txt'))
     built = digest([(key, b''), *build_inputs(ROOT / 'src')])

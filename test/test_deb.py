@@ -9,6 +9,7 @@ import importlib
 import os
 import pathlib
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -20,8 +21,8 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 
 STATED = re.compile(
     r'opt/evgp/.+|DEBIAN/(control|prerm)|usr/bin/evgp-\w+'
-    r'|usr/share/(man/man1/evgp-\w+\.1|bash-completion/completions/evgp-\w+)'
     r'|usr/share/(applications/evgp-\w+\.desktop|doc/evgp-race-control/copyright)'
+    r'|usr/share/bash-completion/completions/evgp-(ctl|record)'
     r'|lib/systemd/system/evgp-\w+\.service'
 )
 """What docs/install-officials.md says that the package has."""
@@ -62,13 +63,21 @@ def test_a_command_of_the_package_runs_what_make_runs(
     shown.write_text('#!/bin/sh\nprintf "%s\\n" "$@"\nenv | grep -E "^(EVGP_GRAPH|ROS_AUTO)"\n:')
     shown.chmod(0o755)
     command, _, rest = line.partition(' ')
-    paths = ['ROSTER=/x/karts.yaml', 'PARAMS=/x/rcs.yaml', 'TIMING=/x/timekeeper.yaml']
+    files = {'ROSTER': '/x y/karts.yaml', 'PARAMS': '/x/rcs.yaml', 'TIMING': '/x/timekeeper.yaml'}
+    paths = [f'{each}={files[each]}' for each in deb.COMMANDS[command][2] if each in files]
     text = deb.script(command, '').replace(f'{deb.HOME}/setup/in-workspace', str(shown))
-    text = f'set -- {" ".join(paths)} {rest}\n{text.replace(f"{deb.HOME}/", "")}'
+    text = f'set -- {shlex.join(paths)} {rest}\n{text.replace(f"{deb.HOME}/", "")}'
     make = ['make', '-s', target, f'IN_WORKSPACE={shown}', *paths, *words]
     wanted = subprocess.run(make, cwd=ROOT, capture_output=True, text=True, check=True)
     found = subprocess.run(['bash', '-c', text], cwd=ROOT, capture_output=True, text=True)
     assert found.stdout == wanted.stdout
+
+
+def test_a_command_of_the_package_does_not_ignore_a_setting_of_another(deb: ModuleType) -> None:
+    words = ['bash', '-c', deb.script('window', ''), 'evgp-window', 'ADDRESS=10.1.0.6']
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert 'evgp-window does not accept ADDRESS=10.1.0.6.' in done.stderr
 
 
 @pytest.mark.skipif(shutil.which('dpkg') is None, reason='no dpkg')
@@ -88,12 +97,16 @@ def test_the_package_is_neither_removed_nor_replaced_while_a_program_of_it_runs(
     def upgrade() -> int:
         return subprocess.run(['sh', '-c', deb.BEFORE_REMOVAL, 'prerm', 'upgrade']).returncode
 
-    program = [f'{deb.HOME}/install/evgp_rcs/lib/evgp_rcs/rcs_node', '60']
-    with subprocess.Popen(program, executable=shutil.which('sleep')) as running:
-        while not pathlib.Path(f'/proc/{running.pid}/cmdline').read_bytes():
-            pass  # the kernel has not put it there yet
-        assert upgrade() == 1
-        running.kill()
+    # as evgp-run starts it, and as the units of systemd do
+    for program in (
+        [f'{deb.HOME}/install/evgp_rcs/lib/evgp_rcs/rcs_node', '60'],
+        [f'{deb.HOME}/.venv/bin/python', '60'],
+    ):
+        with subprocess.Popen(program, executable=shutil.which('sleep')) as running:
+            while not pathlib.Path(f'/proc/{running.pid}/cmdline').read_bytes():
+                pass  # the kernel has not put it there yet
+            assert upgrade() == 1
+            running.kill()
     assert upgrade() == 0
 
 

@@ -253,7 +253,7 @@ def test_the_locks_agree(lock: str) -> None:
 @pytest.mark.parametrize(
     ('arguments', 'runs'),
     [
-        (('roster', 'ROSTER=/x/karts.yaml'), 'rcs_roster check /x/karts.yaml'),
+        (('roster', 'ROSTER=/x y/karts.yaml'), 'rcs_roster check /x y/karts.yaml'),
         (('record', 'ARGS=--run 3 --kart 7'), 'rcs_record --run 3 --kart 7'),
         (('record',), 'rcs_record'),
         (
