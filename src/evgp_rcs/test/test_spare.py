@@ -10,6 +10,7 @@ import itertools
 import os
 import pathlib
 import sqlite3
+import sys
 import threading
 import time
 
@@ -23,6 +24,7 @@ from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEv
 from evgp_rcs.spare import copies as spare
 from evgp_rcs.spare.copies import fetch, keep, latest, NAMES, ORIGIN, RECORD, SpareError
 from evgp_rcs.spare.neighbours import Found, Look, why_not
+from evgp_rcs.spare.takeover import timekeeper
 import pytest
 
 KARTS = 'karts:\n- {number: 7, team: A, address: 10.0.0.107, in_race: true}\n'
@@ -248,3 +250,18 @@ def test_a_copy_that_fails_is_told_in_one_line_and_by_the_exit_code(
     words = ['--roster', 'karts.yaml', '--params', 'rcs.yaml', '--record', 'none', '--once']
     assert spare.main([str(tmp_path), *words]) == 1
     assert len(capsys.readouterr().out.splitlines()) == 1
+
+
+@pytest.mark.parametrize('ours', ['', '/rcs'])
+def test_with_sros2_the_timekeeper_of_a_takeover_has_its_own_enclave(
+    ours: str, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = tmp_path / 'told'
+    os.mkfifo(told)
+    program = tmp_path / 'python'
+    program.write_text(f'#!/bin/sh\necho "$ROS_SECURITY_ENCLAVE_OVERRIDE" > {told}\n')
+    program.chmod(0o755)
+    monkeypatch.setattr(sys, 'executable', str(program))
+    monkeypatch.setenv('ROS_SECURITY_ENCLAVE_OVERRIDE', ours)
+    with timekeeper(tmp_path):
+        assert told.read_text() == ('/timekeeper\n' if ours else '\n')

@@ -108,7 +108,10 @@ def timekeeper(copy: pathlib.Path) -> Iterator[None]:
     python = ['setpriv', '--pdeathsig', 'TERM', sys.executable, '-m', 'evgp_node.restarting']
     command = [sys.executable, '-m', 'evgp_timing.timekeeper', '--ros-args']
     command += ['-p', f'roster:={copy / ROSTER}', '-p', f'book:={copy / BOOK}']
-    with subprocess.Popen([*python, *command]) as program:
+    # With SROS2, the timekeeper has its own enclave, as with make run.
+    override = 'ROS_SECURITY_ENCLAVE_OVERRIDE'
+    own = {override: '/timekeeper'} if os.environ.get(override) else {}
+    with subprocess.Popen([*python, *command], env={**os.environ, **own}) as program:
         try:
             yield
         finally:
