@@ -41,8 +41,8 @@ OFFICIAL ?=
 OFFICIAL_QUOTED = $(subst ','\'',$(OFFICIAL))
 
 # A test must not command a real kart: neither our programs, nor nodes with ROS's own settings.
-bench demo fuzz rehearsal screenshots soak test test-long: export EVGP_GRAPH_INTERFACE :=
-bench demo fuzz rehearsal screenshots soak test test-long: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+bench demo fuzz rehearsal screenshots sim soak test test-long: export EVGP_GRAPH_INTERFACE :=
+bench demo fuzz rehearsal screenshots sim soak test test-long: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 # The kart's bridge: race control's address, and the topic of the kart's odometry, which the bridge
 # then requires. ARGS holds what follows --ros-args, such as '-p auto_acknowledge_stop:=true'.

@@ -273,6 +273,16 @@ def test_make_has_a_target_for_what_an_official_reads(
     assert said.strip() == f'install/evgp_rcs/lib/evgp_rcs/{runs}'
 
 
+@pytest.mark.parametrize(
+    'target', 'bench demo fuzz rehearsal screenshots sim soak test test-long'.split()
+)
+def test_a_simulated_race_never_joins_the_officials_network(target: str) -> None:
+    environment = {**os.environ, 'EVGP_GRAPH_INTERFACE': '10.1.0.5'}
+    lines = printed('make', '-s', target, 'IN_WORKSPACE=sh -c env', **environment).splitlines()
+    assert 'EVGP_GRAPH_INTERFACE=' in lines
+    assert 'ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST' in lines
+
+
 def test_the_makes_that_tests_run_know_nothing_of_what_make_test_was_told() -> None:
     words = ['-s', 'test', 'ARGS=-k roster', 'WORKERS=3', 'IN_WORKSPACE=sh -c env']
     names = {line.partition('=')[0] for line in printed('make', *words, **os.environ).splitlines()}
