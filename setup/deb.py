@@ -108,7 +108,7 @@ BEFORE_REMOVAL = f"""#!/bin/sh
 # Before dpkg removes or replaces the files: running programs would lose them or get other ones.
 set -e
 if grep -qsa '{HOME}/[.i]' /proc/[0-9]*/cmdline; then
-    echo 'Race control, a window or a rehearsal is running on this machine. End it first.' >&2
+    echo 'A program of race control is running on this machine. End it first.' >&2
     exit 1
 fi
 if [ "$1" = remove ] && command -v systemctl > /dev/null; then

@@ -79,6 +79,7 @@ ADDED = [
         (f'    transponders: {each}\n', '10: kart 2: transponder')
         for each in ('4711', '[]', '[[1]]', '[""]', '{a: 1}', '["a\\tb"]')
     ),
+    ('    transponders: []\n', '10: kart 2: transponders (nothing) is not a list'),
     ('heats:\n  A: [1, 7]\n', "11: heat 'A': the roster has no kart 7"),
     ('heats:\n  A: [1, 2, 1]\n', "11: heat 'A' has kart 1 already"),
     ('heats:\n  A: []\n', "11: heat 'A' is empty"),

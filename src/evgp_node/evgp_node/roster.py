@@ -659,7 +659,7 @@ def _line(where: yaml.Node | yaml.Event) -> int:
 def _shown(node: yaml.Node) -> str:
     """Return the content of a node for a message, in one short line."""
     if not isinstance(node, yaml.ScalarNode):
-        return '(several values)'
+        return '(several values)' if node.value else '(nothing)'
     if node.value == '' and node.style is None:
         return '(nothing)'
     shown = repr(node.value) if node.style or not node.value.isprintable() else node.value
