@@ -5,8 +5,8 @@
 #
 #   PYTHON=python3.12   interpreter to set up with (default: the first that fits)
 #   ARGS='...'          passed on by bench, board, bridge, button, console, ctl, demo, fuzz,
-#                       inspect-kart, record, rehearsal, soak, survey, test, test-long,
-#                       timekeeper and timing
+#                       inspect-kart, record, rehearsal, sim, soak, spare, survey, takeover, test,
+#                       test-long, timekeeper and timing
 #   WORKERS=8           number of tests that run at the same time; most tests mostly wait
 WORKERS := 8
 
