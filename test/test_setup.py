@@ -273,6 +273,11 @@ def test_make_has_a_target_for_what_an_official_reads(
     assert said.strip() == f'install/evgp_rcs/lib/evgp_rcs/{runs}'
 
 
+def test_a_shell_that_exports_cdpath_finds_the_workspace() -> None:
+    environment = {**os.environ, 'CDPATH': '.'}
+    assert printed('setup/in-workspace', 'echo', 'there', **environment) == 'there\n'
+
+
 @pytest.mark.parametrize(
     'target', 'bench demo fuzz rehearsal screenshots sim soak test test-long'.split()
 )
