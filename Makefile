@@ -97,7 +97,8 @@ help:
 setup:
 	$(IN_WORKSPACE) --console true
 
-# docs/install-officials.md
+# docs/install-officials.md; not a VERSION of the environment, which may be any program's.
+VERSION :=
 deb:
 	$(IN_WORKSPACE) --console python setup/deb.py $(VERSION)
 
