@@ -329,8 +329,10 @@ def main() -> None:
         runs = path.is_dir() or path.stat().st_mode & 0o111
         path.chmod(0o755 if runs else 0o644)  # independent of the umask during the set-up
     package = prepare.BUILD / f'{NAME}_{version}_amd64.deb'
-    words = ['dpkg-deb', '--build', '--root-owner-group', f'-Z{compression}', ROOT, package]
+    packed = MADE / package.name
+    words = ['dpkg-deb', '--build', '--root-owner-group', f'-Z{compression}', ROOT, packed]
     prepare.run_quietly('Packing', words)
+    packed.rename(package)  # so that a full disk leaves no half of it there
     shutil.rmtree(MADE)
     print(f'{package}: {package.stat().st_size / 1e6:.0f} MB')
 
