@@ -118,8 +118,9 @@ def test_a_package_that_cannot_be_packed_leaves_the_last_one_whole(
     monkeypatch.setattr(deb.prepare, 'BUILD', tmp_path)
     monkeypatch.setattr(deb, 'MADE', tmp_path / 'deb')
     monkeypatch.setattr(deb, 'ROOT', tmp_path / 'deb/root')
-    for name in 'need_libraries copy_environment copy_workspace output write_surface'.split():
+    for name in ('need_libraries', 'copy_environment', 'copy_workspace', 'write_surface'):
         monkeypatch.setattr(deb, name, lambda *_: None)
+    monkeypatch.setattr(deb, 'output', lambda *_: None)
     monkeypatch.setattr(sys, 'argv', ['deb.py', '1.0', 'none'])
     package = tmp_path / 'evgp-race-control_1.0_amd64.deb'
     deb.main()
