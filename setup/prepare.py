@@ -332,4 +332,7 @@ def main() -> None:
 
 
 if __name__ == '__main__':
-    main()
+    try:
+        main()
+    except OSError as problem:  # such as a full disk, or a clone that belongs to somebody else
+        stop(f'The set-up failed ({problem}). Fix the cause, then run the same command again.')

@@ -124,6 +124,19 @@ def test_what_is_there_is_made_anew_unless_it_is_what_is_wanted(
     assert stamp.read_text() == 'wanted'
 
 
+def test_a_set_up_that_cannot_use_its_files_says_why_in_one_sentence(
+    tmp_path: pathlib.Path,
+) -> None:
+    (tmp_path / 'setup').mkdir()
+    alone = tmp_path / 'setup/prepare.py'
+    alone.write_text((ROOT / 'setup/prepare.py').read_text())
+    done = subprocess.run([sys.executable, alone], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith('The set-up failed (')
+    assert str(tmp_path / 'setup/build.txt') in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
 BROKEN = (
     'INCLUDE "/opt/python/cp312-cp312/include/python3.12;'
     '/opt/python/cp312-cp312/lib/python3.12/site-packages/numpy/_core/include"'
