@@ -9,6 +9,7 @@ from collections.abc import Callable
 import configparser
 import contextlib
 import pathlib
+import re
 import shlex
 import shutil
 import subprocess
@@ -54,6 +55,13 @@ def test_systemd_finds_nothing_wrong_with_a_unit(
     )
     assert done.returncode == 0, done.stderr
     assert path.name not in done.stderr  # it may find fault with others
+
+
+def test_the_service_of_a_button_may_open_a_device_with_the_documented_rule(
+    tmp_path: pathlib.Path,
+) -> None:
+    (group,) = re.findall('GROUP="(\\w+)"', (ROOT / 'docs/button.md').read_text(encoding='utf-8'))
+    assert {'input', group} <= {*service(tmp_path, BUTTON)['SupplementaryGroups'].split()}
 
 
 @pytest.fixture
