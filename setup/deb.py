@@ -152,6 +152,15 @@ def need_libraries() -> None:
         prepare.stop(f"Install the libraries to include: 'apt-get install {NOT_ON_ALL}'.")
 
 
+def need_python_of(system: pathlib.Path) -> None:
+    """Stop if .venv has another Python than the system, on which the package could not run."""
+    if system.resolve().name != f'python{prepare.Interpreter.version}':
+        prepare.stop(
+            f'The package runs with {system}, but .venv has Python {prepare.Interpreter.version}. '
+            f"Use 'make deb PYTHON={system}'."
+        )
+
+
 def copy_environment() -> None:
     """Copy what is needed of .venv."""
     for distribution in needed(NEEDED.split()):
@@ -300,6 +309,7 @@ def main() -> None:
         return
     if prepare.is_sourced(os.environ):
         prepare.stop('The package contains the wheels of ROS. Use a shell without a sourced ROS.')
+    need_python_of(pathlib.Path('/usr/bin/python3'))
     need_libraries()
     xml = (prepare.ROOT / 'src/evgp_rcs/package.xml').read_text()
     version = (*sys.argv[1:], *re.findall('<version>(.*)</version>', xml))[0]

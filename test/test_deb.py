@@ -91,6 +91,19 @@ def test_a_library_that_is_missing_is_named_in_one_sentence(
     assert capsys.readouterr().err == said
 
 
+def test_a_package_for_another_python_than_the_systems_is_not_built(
+    deb: ModuleType, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    system = tmp_path / 'python3'
+    system.symlink_to(f'python{deb.prepare.Interpreter.version}')
+    deb.need_python_of(system)
+    system.unlink()
+    system.symlink_to('python3.9')
+    with pytest.raises(SystemExit):
+        deb.need_python_of(system)
+    assert f"'make deb PYTHON={system}'" in capsys.readouterr().err
+
+
 def test_the_package_is_neither_removed_nor_replaced_while_a_program_of_it_runs(
     deb: ModuleType,
 ) -> None:
@@ -118,9 +131,10 @@ def test_a_package_that_cannot_be_packed_leaves_the_last_one_whole(
     monkeypatch.setattr(deb.prepare, 'BUILD', tmp_path)
     monkeypatch.setattr(deb, 'MADE', tmp_path / 'deb')
     monkeypatch.setattr(deb, 'ROOT', tmp_path / 'deb/root')
-    for name in ('need_libraries', 'copy_environment', 'copy_workspace', 'write_surface'):
+    for name in ('need_python_of', 'need_libraries', 'copy_environment', 'copy_workspace'):
         monkeypatch.setattr(deb, name, lambda *_: None)
-    monkeypatch.setattr(deb, 'output', lambda *_: None)
+    for name in ('output', 'write_surface'):
+        monkeypatch.setattr(deb, name, lambda *_: None)
     monkeypatch.setattr(sys, 'argv', ['deb.py', '1.0', 'none'])
     package = tmp_path / 'evgp-race-control_1.0_amd64.deb'
     deb.main()
