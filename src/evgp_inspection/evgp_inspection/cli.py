@@ -41,6 +41,7 @@ from evgp_protocol.frames import DEFAULT_PORT
 Options: TypeAlias = argparse.Namespace
 
 A_RACE_ONLY = 'This was only a race, not an inspection.'
+A_PART_ONLY = 'This was only a part of an inspection: {}.'
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -175,14 +176,19 @@ def _inspect(options: Options, limits: Limits, clauses: Sequence[Clause]) -> int
         seconds=inspection.seconds,
         limits=dataclasses.asdict(limits),
         statements=BY_STATEMENT,
-        remarks=[*inspection.remarks, *([A_RACE_ONLY] if options.race else [])],
+        remarks=[
+            *inspection.remarks,
+            *([A_RACE_ONLY] if options.race else []),
+            *([A_PART_ONLY.format(options.only)] if options.only else []),
+        ],
+        finished=inspection.finished,
     )
     print(f'\n{header.subject} {header.team}'.rstrip())
     for remark in header.remarks:
         print(remark)
     for statement in header.statements:
         print(f'The team states, and the inspector ticks by hand: {statement}')
-    print(summary(inspection.results))
+    print(summary(inspection.results, header.finished))
     if options.report:
         name = re.sub('[^a-z0-9]+', '-', header.subject.lower())
         texts = {

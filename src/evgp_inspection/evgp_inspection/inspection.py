@@ -52,7 +52,7 @@ class Inspection:
 
     @property
     def exit_code(self) -> Exit:
-        good = self.finished and verdict_on(self.results) is Verdict.PASS
+        good = verdict_on(self.results, self.finished) is Verdict.PASS
         return Exit.PASSED if good else Exit.NOT_PASSED
 
 

@@ -34,6 +34,7 @@ class Header:
     :ivar limits: the limits used, by name.
     :ivar statements: sentences that the team states and the inspector ticks by hand.
     :ivar remarks: sentences about the whole inspection, such as why it was not finished.
+    :ivar finished: whether every step was done.
     """
 
     subject: str
@@ -44,17 +45,18 @@ class Header:
     limits: Mapping[str, float]
     statements: Sequence[str] = ()
     remarks: Sequence[str] = ()
+    finished: bool = True
 
 
 def counts(results: Sequence[Result]) -> dict[Verdict, int]:
     return {verdict: sum(each.verdict is verdict for each in results) for verdict in Verdict}
 
 
-def summary(results: Sequence[Result]) -> str:
-    """Return the summary in one line."""
+def summary(results: Sequence[Result], finished: bool) -> str:
+    """Return the summary in one line. An inspection that was not finished is not a pass."""
     many = counts(results)
     return (
-        f'{verdict_on(results).value.upper()}: '
+        f'{verdict_on(results, finished).value.upper()}: '
         f'{many[Verdict.PASS]} passed, {many[Verdict.FAIL]} failed, '
         f'{many[Verdict.NOT_JUDGED]} not judged'
     )
@@ -107,7 +109,7 @@ def as_json(header: Header, results: Sequence[Result]) -> str:
     whole = {
         **dataclasses.asdict(header),
         'version': VERSION,
-        'verdict': verdict_on(results).value,
+        'verdict': verdict_on(results, header.finished).value,
         'counts': {verdict.value: many for verdict, many in counts(results).items()},
         'checks': checks,
     }
@@ -179,7 +181,7 @@ def as_html(header: Header, results: Sequence[Result]) -> str:
         '<html lang="en"><head><meta charset="utf-8">',
         f'<title>Inspection of {e(header.subject)}</title>',
         f'<style>{_STYLE}</style></head><body>',
-        f'<h1>{e(summary(results))}</h1>',
+        f'<h1>{e(summary(results, header.finished))}</h1>',
         f'<p>{" · ".join(facts)}</p>',
         *(f'<p><b>{e(remark)}</b></p>' for remark in header.remarks),
         '<table><thead><tr><th>clause</th><th>a good kart</th><th>verdict</th>'

@@ -137,15 +137,22 @@ def results_of(
     return results
 
 
-def verdict_on(results: Sequence[Result]) -> Verdict:
+def verdict_on(results: Sequence[Result], finished: bool = True) -> Verdict:
     """
     Return the verdict on the whole inspection.
 
     It is not a pass if a starred clause was not judged, because nobody knows then whether the
-    wheels stood still.
+    wheels stood still; nor if only the lateness of the inspecting computer excuses a kart.
+
+    :param finished: whether every step was done.
     """
     found = {each.verdict for each in results}
     if Verdict.FAIL in found:
         return Verdict.FAIL
-    unseen = any(each.clause.starred and each.verdict is Verdict.NOT_JUDGED for each in results)
-    return Verdict.NOT_JUDGED if unseen or Verdict.PASS not in found else Verdict.PASS
+    # What was seen, and is not judged, is the finding's evidence.
+    doubtful = any(
+        each.verdict is Verdict.NOT_JUDGED and (each.clause.starred or each.finding.evidence)
+        for each in results
+    )
+    passed = finished and not doubtful and Verdict.PASS in found
+    return Verdict.PASS if passed else Verdict.NOT_JUDGED

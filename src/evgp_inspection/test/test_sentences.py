@@ -15,7 +15,7 @@ from evgp_inspection.kart_sentences import BY_NAME, KART
 from evgp_inspection.limits import Limits
 from evgp_inspection.report import as_html, as_json, Header
 from evgp_inspection.traces import Event, Kind, Trace
-from evgp_inspection.verdicts import Finding, Result, select, Verdict, verdict_on
+from evgp_inspection.verdicts import Finding, Result, results_of, select, Verdict, verdict_on
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from hypothesis import given
@@ -118,6 +118,15 @@ def test_an_inspection_is_no_pass_while_a_starred_clause_was_not_judged() -> Non
         assert (verdict_on(found) is Verdict.PASS) != clause.starred
 
 
+def test_a_clause_that_only_a_hold_up_excuses_is_no_pass_of_the_whole() -> None:
+    held_up = Event(1.0, Kind.HELD_UP, value=1.0)
+    for clause in KART:
+        findings = {each.name: Finding(Verdict.PASS, 'so') for each in KART}
+        findings[clause.name] = Finding(Verdict.FAIL, 'so', evidence=(held_up,))
+        found = results_of(findings, KART, LIMITS)
+        assert verdict_on(found) is Verdict.NOT_JUDGED
+
+
 # ----- the report --------------------------------------------------------------------------
 
 HEADER = Header('kart 7', 'A & <B>', 'Ada "\x00"', '2026-05-01T10:00:00+02:00', 100.0, {})
@@ -135,6 +144,14 @@ def test_a_report_is_well_formed_whatever_people_and_karts_are_called(team: str,
     page = as_html(dataclasses.replace(HEADER, team='<script>alert(1)</script>'), failed)
     assert '<script' not in page
     assert 'http' not in page
+
+
+def test_a_report_on_an_inspection_that_was_not_finished_is_no_pass() -> None:
+    passed = results(Verdict.PASS)
+    for finished, verdict in ((True, 'pass'), (False, 'not judged')):
+        header = dataclasses.replace(HEADER, finished=finished)
+        assert json.loads(as_json(header, passed))['verdict'] == verdict
+        assert f'<h1>{verdict.upper()}' in as_html(header, passed)
 
 
 def test_a_report_holds_what_odometry_says_when_it_says_nonsense() -> None:
