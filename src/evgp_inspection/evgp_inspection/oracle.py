@@ -55,6 +55,10 @@ RED_RED stops."""
 FASTER = 1.02
 """Factor by which the speed of a kart that must brake has to grow to count as getting faster."""
 
+AGAIN = 0.2
+"""Fraction of its top speed by which a kart that brakes has to get faster again to count as
+getting faster, because odometry is not smooth."""
+
 FAST = 10
 """Multiple of the standstill speed from which on a deceleration can be measured."""
 
@@ -255,6 +259,7 @@ class Oracle:
         self._turned: float | None = None
         self._said_green: float | None = None
         self._speed = math.nan
+        self._first_seen = math.inf  # when the first odometry came
         self._said_due: Due | None = None
         self._back_due: Due | None = Due('K-4A-01', 0.0, limits.connect, 'connect')
         self._open: dict[int, float] = {}
@@ -399,7 +404,7 @@ class Oracle:
     def _take_speed(self, at: float, speed: float) -> None:
         spell, limits = self.spell, self._limits
         spell.speeds.append((at, speed))
-        self._speed = speed
+        self._speed, self._first_seen = speed, min(self._first_seen, at)
         turns = speed > limits.standstill
         self.still = 0 if turns else self.still + 1
         if spell.law is Law.DRIVE:
@@ -478,7 +483,9 @@ class Oracle:
         if spell.rolled:
             names.add(spell.stops)
         answer = math.nan if spell.answer is None else spell.answer.value
-        seen = bool(spell.speeds) and at - spell.speeds[-1][0] <= 2 * limits.slack
+        times = [max(spell.at, self._first_seen), *(each for each, _ in spell.speeds), at]
+        gaps = (then - each for each, then in itertools.pairwise(times))
+        seen = bool(spell.speeds) and max(gaps) <= 2 * limits.slack
         asked = spell.answer is not None or not math.isnan(self._speed)
         if answer == 1.0 and spell.answer is not None and spell.rolled and not seen:
             # An answer says that the wheels stand, but not since when.
@@ -508,6 +515,13 @@ class Oracle:
             why = f'it got faster, up to {top:.2f} m/s after {at - spell.at:.2f} s.'
             self._break(spell.stops, why, at)
             return True
+        slowest = math.inf
+        for at, speed in spell.speeds:
+            slowest = min(slowest, speed) if at > due else slowest
+            if top >= FAST * limits.standstill and speed > slowest + AGAIN * top:
+                why = f'{at - spell.at:.2f} s later, it got faster again, up to {speed:.2f} m/s.'
+                self._break(spell.stops, why, at)
+                return True
         if began is not None:
             stood = self._stood if self._stood is not None else spell.speeds[-1][0]
             late = due + (GENTLY * (stood - spell.at) if spell.law is Law.FLAG else 0.0)

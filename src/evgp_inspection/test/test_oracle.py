@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import pathlib
 import re
 
@@ -112,6 +113,40 @@ def test_the_oracle_finds_the_same_whenever_it_is_asked(
         assert live.moves <= len(live.breaches)
     findings = live.findings()
     assert findings == Oracle.of(events, LIMITS).findings()
+
+
+GAP = 2 * LIMITS.slack + 0.1
+
+
+@pytest.mark.parametrize('begins', [8.2, 12.0, 18.5])
+def test_a_stop_whose_odometry_has_a_gap_is_not_judged(begins: float) -> None:
+    events = [
+        event
+        for event in trace(RaceState.RED_RED, 5.0, 0.1, 12.0)
+        if not (event.kind is Kind.SPEED and begins < event.at < begins + GAP)
+    ]
+    findings = Oracle.of(events, LIMITS).findings()
+    assert findings['K-3A-14'].verdict is Verdict.NOT_JUDGED
+    assert findings['K-3A-15'].verdict is Verdict.NOT_JUDGED
+
+
+@pytest.mark.parametrize('stop', [RaceState.RED_RED, None])
+@pytest.mark.parametrize('again', [0.45, 0.85, -0.5])
+def test_a_kart_that_gets_faster_again_while_it_brakes_is_found(
+    stop: RaceState | None, again: float
+) -> None:
+    def speed(since: float) -> float:
+        if since > 3.0:
+            return max(6.0 * again - 12.0 * (since - 3.0), 0.0)
+        return 6.0 * again if since > 1.3 else max(6.0 - 5.0 * max(since, 0.0), 0.3)
+
+    events = [
+        dataclasses.replace(event, value=speed(event.at - 5.0))
+        if event.kind is Kind.SPEED and event.at > 5.0
+        else event
+        for event in trace(stop, 2.0, 0.0, 12.0)
+    ]
+    assert STOPPED[stop] in failed(events)
 
 
 # ----- words --------------------------------------------------------------------------------
