@@ -372,6 +372,8 @@ def test_the_space_bar_stops_the_kart_and_ends_the_inspection(
         ['--red-red', '-1'],
         ['--odometry', '-'],
         ['--odometry', 'no/such/file', *UNATTENDED],
+        ['--odometry', 'udp:99999', *UNATTENDED],
+        ['--port', '99999', *UNATTENDED],
     ],
 )
 def test_a_wrong_use_is_told_and_nothing_begins(words: list[str], tmp_path: pathlib.Path) -> None:

@@ -133,6 +133,9 @@ def test_make_ends_with_the_exit_code_of_the_survey() -> None:
         subprocess.run(
             ['make', '-C', str(ROOT), 'survey', f'ARGS={words}'], capture_output=True, check=False
         ).returncode
-        for words in ('--version', '--silence -1', '--word ready --listen 192.0.2.1')
+        for words in (
+            *('--version', '--silence -1', '--word ready --listen 192.0.2.1'),
+            '--word ready --port 99999',
+        )
     ]
-    assert makes == [0, 2, 2]
+    assert makes == [0, 2, 2, 2]

@@ -163,7 +163,7 @@ def _inspect(options: Options, limits: Limits, clauses: Sequence[Clause]) -> int
     began = datetime.datetime.now().astimezone()
     try:
         inspection = asyncio.run(_with_the_word(options, printer, limits, clauses))
-    except (OSError, ValueError, ImportError) as error:
+    except (OSError, OverflowError, ValueError, ImportError) as error:
         print(f'The inspection cannot start: {error}', file=sys.stderr)
         return Exit.NOT_PASSED
     finally:

@@ -11,7 +11,6 @@ import contextlib
 import importlib
 import math
 import pathlib
-import sys
 import threading
 from typing import Any
 
@@ -86,10 +85,8 @@ def _listen_to_file(source: str, take: Take) -> Callable[[], None]:
 
 def _read(source: str, take: Take) -> None:
     """Read the speeds in a file, in its own thread because opening a pipe may block forever."""
-    with contextlib.ExitStack() as stack:
-        text = sys.stdin
-        if source != '-':
-            text = stack.enter_context(pathlib.Path(source).open(encoding='ascii'))
+    path = 0 if source == '-' else source
+    with open(path, encoding='ascii', errors='replace', closefd=source != '-') as text:
         for line in text:
             speed = speed_in(line)
             if speed is not None:

@@ -18,7 +18,9 @@ import math
 
 from evgp_inspection import VERSION
 from evgp_inspection.limits import SurveyLimits
+from evgp_inspection.traces import BEAT
 from evgp_inspection.verdicts import Verdict
+from evgp_protocol.arbiter import Settings
 from evgp_protocol.clock import duration
 from evgp_protocol.link import Grade, grade, GRADE_WINDOW
 
@@ -29,6 +31,10 @@ APART = 10.0
 """Minimum time between two worst places, in seconds. Nearer ones count as the same place."""
 
 MINUTE = 60.0
+
+LOST = Settings().frame_timeout
+"""Age of an unanswered frame after which the survey gives up a connection, and silence after which
+a kart does, in seconds."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -207,15 +213,18 @@ class LinkSurvey:
         Return the figures, each compared with its limit.
 
         :param held_up: the maximum delay of the surveying computer itself. A time that this delay
-            can explain is not judged.
+            can explain is not judged, nor is a lost connection.
         """
+        silenced = held_up + 2 * BEAT >= LOST  # the kart may have closed the connection, rightly
 
-        def at_most(name: str, value: float | None, limit: float, unit: str = '') -> Figure:
+        def at_most(
+            name: str, value: float | None, limit: float, unit: str = '', excused: bool = False
+        ) -> Figure:
             if value is None:
                 verdict = Verdict.NOT_JUDGED
             elif value <= limit:
                 verdict = Verdict.PASS
-            elif unit == 's' and value - held_up <= limit:
+            elif excused or (unit == 's' and value - held_up <= limit):
                 verdict = Verdict.NOT_JUDGED
             else:
                 verdict = Verdict.FAIL
@@ -227,7 +236,7 @@ class LinkSurvey:
             at_most('round trip, 99th percentile', self.percentile, limits.round_trip, 's'),
             at_most('longest silence', self._longest, limits.silence, 's'),
             at_most('retransmissions, worst minute', self.worst_minute, limits.retransmissions),
-            at_most('lost connections', len(self.losses), 0),
+            at_most('lost connections', len(self.losses), 0, excused=silenced),
             Figure('time on the network', on, limits.shortest, 's', enough, at_least=True),
         ]
 

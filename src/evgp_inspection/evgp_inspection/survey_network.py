@@ -32,10 +32,9 @@ from evgp_inspection.inspector import Printer, WORD
 from evgp_inspection.limits import SurveyLimits
 from evgp_inspection.recording import first
 from evgp_inspection.report import write_files
-from evgp_inspection.survey import LinkSurvey, Mark, Report
+from evgp_inspection.survey import LinkSurvey, LOST, Mark, Report
 from evgp_inspection.traces import BEAT
 from evgp_inspection.verdicts import Verdict
-from evgp_protocol.arbiter import Settings
 from evgp_protocol.clock import now as clock_now
 from evgp_protocol.clock import run
 from evgp_protocol.frames import DEFAULT_PORT, encode
@@ -47,9 +46,6 @@ FRAME = encode(RaceState.IN_GARAGE)
 
 LOOK_EVERY = 0.01
 """Time between two looks for answers, in seconds. It limits the precision of the round trips."""
-
-LOST = Settings().frame_timeout
-"""Age of an unanswered frame after which the survey gives up a connection, in seconds."""
 
 SURVEY_FIRST = f"""\
   1. Race control is not running, and NO STOP IS IN FORCE. The survey sends IN_GARAGE to each kart
@@ -164,7 +160,7 @@ class Surveyor:
                     second_due = max(second_due + 1.0, now)
                     self._end_second(now)
                     second()
-                due = self.now + LOOK_EVERY
+                due = now + LOOK_EVERY  # the looks, too, may have been held up
                 await asyncio.sleep(LOOK_EVERY)
             self._look(self.now)
             self._end_second(self.now)
@@ -348,7 +344,7 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
         parser.error(str(error))
     try:
         report = run(_survey(options, limits))
-    except OSError as error:
+    except (OSError, OverflowError) as error:  # OverflowError: a port above 65535
         print(f'The survey cannot start: {error}', file=sys.stderr)
         return Exit.NOT_PASSED
     if report is None:

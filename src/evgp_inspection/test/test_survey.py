@@ -134,6 +134,13 @@ def test_what_this_computer_can_have_caused_is_not_judged() -> None:
     assert report_on(kart, held_up=0.6).verdict is Verdict.FAIL
 
 
+def test_a_connection_that_a_kart_closes_while_this_computer_hangs_is_not_judged() -> None:
+    kart = driven()
+    lost(kart)
+    for held_up, verdict in ((0.6, Verdict.FAIL), (1.2, Verdict.NOT_JUDGED)):
+        assert report_on(kart, held_up=held_up).verdict is verdict
+
+
 def test_the_worst_places_are_apart_and_after_their_marks() -> None:
     kart = driven(gap=[30, 31, 60])
     report = report_on(kart, [Mark(10.0, 'pits'), Mark(25.0, 'turn 3'), Mark(80.0, 'home')])
