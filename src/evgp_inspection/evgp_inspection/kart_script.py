@@ -66,11 +66,11 @@ too short to count as silence."""
 EARLY_STOP = 0.15
 """Time from GREEN_GREEN to a stop for a kart that has hardly started, in seconds."""
 
-FLAG_BRAKES = 0.8
-"""Fraction of the kart's top speed to which RED_FLAG slows it before the next act."""
+BRAKED = 0.8
+"""Fraction of the kart's top speed to which a red slows it before the next act."""
 
-FLAG_ALONE = 1.0
-"""Maximum time for which RED_FLAG alone slows the kart, in seconds; a third without odometry."""
+BRAKES_ALONE = 1.0
+"""Maximum time for which a red alone slows the kart, in seconds; a third without odometry."""
 
 RANDOM_STOP = (0.1, 2.0)
 """Range of the time from GREEN_GREEN to a stop of the step `random`, in seconds."""
@@ -125,7 +125,9 @@ race | DRIVE flag dwell green red dwell garage dwell | A drive; RED_FLAG for som
 red | garage grid fast_drive red | A drive with 100 frames a second; RED_RED.
 flag_red | DRIVE brake red | A drive; RED_RED while RED_FLAG brakes.
 flag_lost | DRIVE brake fin | A drive; the connection is closed while RED_FLAG brakes.
+flag_silence | DRIVE brake silence | A drive; nothing is sent for a while, while RED_FLAG brakes.
 flag_green | DRIVE brake green_again | A drive; GREEN_GREEN while RED_FLAG brakes.
+red_lost | DRIVE brake_hard fin | A drive; the connection is closed while RED_RED brakes.
 early | garage grid start red | RED_RED is sent 0.15 s after GREEN_GREEN.
 early_flag | garage grid start flag | RED_FLAG is sent 0.15 s after GREEN_GREEN.
 silence | DRIVE silence green | A drive; nothing is sent for a while, then GREEN_GREEN.
@@ -145,11 +147,13 @@ long | garage grid long_drive red | A drive of a minute with 20 frames a second;
 half_open | red half_open | Nothing is sent to a kart that stands.
 dwell | dwells garage grid close green | Each state is sent for some time to a kart that stands,
     and then its connection is closed; after GRID_ACTIVE, GREEN_GREEN follows.
+red_green | DRIVE brake_hard green_again garage | A drive; GREEN_GREEN while RED_RED brakes.
 bridge | DRIVE kill dwell | A drive; the program that is connected to race control is killed.
 stack | DRIVE kill dwell | A drive; the program that commands the motors is killed, and
     GREEN_GREEN is sent for some time.
 """
-"""The name, acts and description of each step. DRIVE replaces the acts that begin every drive."""
+"""The name, acts and description of each step. DRIVE replaces the acts that begin every drive.
+After `red_green`, a kart that does not stand may have no way to acknowledge RED_RED again."""
 
 
 def _steps() -> Iterator[tuple[str, Step]]:
@@ -476,17 +480,20 @@ class KartScript:
         await self._ask(STANDS)
         return said
 
-    async def _brake(self) -> None:
-        """Let RED_FLAG brake the kart for a while."""
-        self._wire.order(RED_FLAG)
+    async def _brake(self, state: RaceState = RED_FLAG) -> None:
+        """Let a red brake the kart for a while."""
+        self._wire.order(state)
 
         def slower() -> bool:
             spell = self._oracle.spell
-            if spell.law is not Law.FLAG or not spell.speeds:
+            if spell.law not in (Law.FLAG, Law.RED) or not spell.speeds:
                 return False
-            return spell.speeds[-1][1] < FLAG_BRAKES * spell.top
+            return spell.speeds[-1][1] < BRAKED * spell.top
 
-        await self._until(slower, FLAG_ALONE if self._seen else FLAG_ALONE / 3)
+        await self._until(slower, BRAKES_ALONE if self._seen else BRAKES_ALONE / 3)
+
+    async def _brake_hard(self) -> None:
+        await self._brake(RED_RED)
 
     async def _lose(self, lose: Callable[[], object]) -> bool:
         """Make the kart lose race control and wait until it stands and has reconnected."""

@@ -48,7 +48,7 @@ K-3A-16 RED_FLAG: slows down to a stop, whenever it comes | race random | red_fl
     obstacles.
 K-3B-01 GREEN_GREEN without GRID_ACTIVE: stands | alone
     wire: any other `GREEN_GREEN`
-K-3B-02 GREEN_GREEN after RED_RED: stands | again
+K-3B-02 GREEN_GREEN after RED_RED: stands | again red_green
     wire: **Nothing may come between `GRID_ACTIVE` and `GREEN_GREEN`.**
 K-3B-03 GREEN_GREEN before the GRID_ACTIVE acknowledgement: stands | glued
     wire: `GREEN_GREEN`, after a `GRID_ACTIVE` that it acknowledged **on this connection**
@@ -82,7 +82,7 @@ K-3E-09 its program for race control is killed: stops | bridge | red_red
     immediately enter the RED_RED state.
 K-3E-10 its program that drives is killed: stops | stack | red_red
     wire: must brake if this program ends.
-K-3E-11 a connection lost while RED_FLAG brakes: brakes as for RED_RED | flag_lost random | red_red
+K-3E-11 lost while a red brakes: brakes as for RED_RED | flag_lost flag_silence red_lost | red_red
     If a kart has disconnected (as described in Connection status) during the race, the kart shall
     immediately enter the RED_RED state.
 K-4A-01 connects | connect | connect

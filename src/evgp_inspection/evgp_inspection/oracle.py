@@ -595,7 +595,7 @@ class Oracle:
         if self._killed:
             return
         self._let_go(at)
-        braked = self.spell.law is Law.FLAG and self._stood is None
+        braked = self._state in (RED_FLAG, RED_RED) and self._stood is None
         name = 'K-3E-11' if braked else LOSSES.get(how, 'K-3E-11')
         self._state, self._ready, self._armed, self._since = None, False, False, how
         what = {'kart': 'it dropped its connection', 'away': 'race control went away'}.get(

@@ -126,6 +126,10 @@ FAULTS = {
     'rolls on in IN_GARAGE': 'K-3A-01',
     'hears no silence on the grid': 'K-3E-02',
     'drives on when its stack is started again': 'K-3E-10',
+    'coasts when its link is lost while RED_RED brakes': 'K-3E-11',
+    'drives on in silence while RED_FLAG brakes': 'K-3E-11',
+    'drives on when GREEN_GREEN comes while RED_RED brakes': 'K-3B-02',
+    'lets the brake go for a while in RED_RED': 'K-3A-14',
 }
 """Each fault, and the sentence that it breaks."""
 
@@ -133,11 +137,12 @@ ALSO = {
     'is never ready': {'K-3A-11'},
     'creeps on the grid': {'K-4C-07'},
     'acknowledges RED_RED in its dead time': {'K-3A-07'},
-    'echoes RED_RED': {'K-3A-12', 'K-3E-08'},
+    'echoes RED_RED': {'K-3A-09', 'K-3A-12', 'K-3E-08'},
     'is deaf after GREEN_GREEN': {'K-4C-09'},
     'obeys every GREEN_GREEN': {
-        *('K-3B-02', 'K-3B-03', 'K-3B-04', 'K-3E-02', 'K-3E-05', 'K-3E-06'),
+        *('K-3A-09', 'K-3B-02', 'K-3B-03', 'K-3B-04', 'K-3E-02', 'K-3E-05', 'K-3E-06'),
     },
+    'RED_RED does not disarm it': {'K-3A-09'},
     'drives on after FIN': {'K-3E-04', 'K-3E-06', 'K-3E-11'},
     'drives on in silence': {'K-3E-07'},
     'a lost connection does not disarm it': {'K-3E-06'},
@@ -150,6 +155,8 @@ ALSO = {
     'brakes backwards while it stands': {'K-3A-01'},
     'looks at no stop for a while after GREEN_GREEN': {'K-3A-14', 'K-3A-16'},
     'reads 17 frames a second while it drives': {'K-3A-09', 'K-4C-09'},
+    'drives on when GREEN_GREEN comes while RED_RED brakes': {'K-3A-09'},
+    'lets the brake go for a while in RED_RED': {'K-3B-02', 'K-3B-04', 'K-3C-01', 'K-3E-11'},
 }
 """The other sentences that the same fault breaks, in other steps."""
 
@@ -399,11 +406,14 @@ class InspectedKart:
 
     def _lost(self, how: str) -> None:
         self._lost_how = how
-        self._coasts = (
+        coasts = (
             self._is['coasts when its link is lost while RED_FLAG brakes']
             and self._commanded is RED_FLAG
-            and self.speed > 0.0
+        ) or (
+            self._is['coasts when its link is lost while RED_RED brakes']
+            and self._commanded is RED_RED
         )
+        self._coasts = coasts and self.speed > 0.0
         self._closed = self._closed or how == 'closed'
         self._goes_on = (
             (
@@ -414,6 +424,8 @@ class InspectedKart:
             )
             and self._obeyed is GREEN_GREEN
         ) or (self._goes_on and self._is['drives on without its bridge'])
+        if self._is['drives on in silence while RED_FLAG brakes']:
+            self._goes_on = how == 'silent' and self._obeyed is RED_FLAG and self.speed > 0.0
 
     def _take_in(self, data: bytes) -> bool:
         now = self._loop.time()
@@ -482,6 +494,11 @@ class InspectedKart:
             or (
                 self._is['drives on when GREEN_GREEN comes while RED_FLAG brakes']
                 and RED_FLAG in (before, state)
+                and self.speed > 0.0
+            )
+            or (
+                self._is['drives on when GREEN_GREEN comes while RED_RED brakes']
+                and RED_RED in (before, state)
                 and self.speed > 0.0
             )
             or before is None
@@ -563,6 +580,9 @@ class InspectedKart:
         speeds_up = speeds_up and since < 0.8 and self.speed > 0.0
         if speeds_up:
             target = 2 * TOP
+        lets_go = self._is['lets the brake go for a while in RED_RED'] and self._drove
+        if lets_go and obeyed is RED_RED and 0.2 < since < 1.5 and self.speed > 0.0:
+            target = 0.8 * TOP
         if self._backs and since < 0.35:
             target = -1.0
         died = self._stack_died_at
@@ -582,6 +602,8 @@ class InspectedKart:
             )
         )
         braking = FLAG_BRAKING if gently and died is None else BRAKING
+        if gently and self._is['drives on in silence while RED_FLAG brakes']:
+            braking = 0.6 * FLAG_BRAKING  # it still rolls when it notices the silence
         acceleration = ACCELERATION / 5 if speeds_up else ACCELERATION
         if self._has['is slow and gentle']:
             braking, acceleration = braking / 3, ACCELERATION / 10
