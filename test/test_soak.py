@@ -314,6 +314,29 @@ def test_a_frame_to_somebody_who_is_not_in_the_roster_is_a_violation() -> None:
 
 
 @pytest.mark.parametrize(
+    ('unanswered', 'state', 'broken'),
+    [
+        (CommandKind.ALL_KILL, 'RED_RED', ['stop not answered']),
+        (CommandKind.GRID_ACTIVE, 'GREEN_GREEN', ['unexplained GREEN_GREEN']),
+        (CommandKind.GRID_ACTIVE, 'GRID_ACTIVE', []),
+    ],
+)
+def test_what_comes_after_a_call_without_an_answer_is_judged(
+    unanswered: CommandKind, state: str, broken: list[str]
+) -> None:
+    judge = Judge({1}, {2}, 0.0)
+    judge.opened(1, 1, 0.5)
+    judge.frame(1, 'IN_GARAGE', 0.9, 1.0)
+    judge.called(Call(unanswered, None, True, 2.0))
+    for at in (3.0, 4.0):
+        judge.frame(1, state, at - 0.1, at)
+    judge.judge(5.0)
+    judge.finish()
+    assert [violation.rule for violation in judge.violations] == broken
+    assert judge.judged['frame'] == 3
+
+
+@pytest.mark.parametrize(
     ('began', 'ended', 'wrong'),
     [
         pytest.param(2.0, 2.5, True, id='before GREEN_GREEN'),

@@ -29,6 +29,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 import heapq
 import itertools
+import math
 import threading
 
 from evgp_node.entries import Entry
@@ -254,8 +255,15 @@ class Judge:
                 getattr(self, f'_{kind}')(at, *arguments)
 
     def finish(self) -> None:
-        """Judge everything that is left."""
-        self.judge(float('inf'))
+        """Judge everything that is left. A stop without an answer is a violation."""
+        with self._lock:
+            unanswered, self._unanswered = self._unanswered, []
+        for call in unanswered:
+            if CATALOGUE[call.command].stop:
+                self._violated('stop not answered', call.began, str(call))
+            call.success, call.ended = True, math.inf  # it may take effect at any time
+            self._put(call.began, 'call_began', call)
+        self.judge(math.inf)
 
     def _put(self, at: float, kind: str, *arguments: object) -> None:
         with self._lock:
