@@ -19,7 +19,7 @@ import re
 from typing import Any
 
 from evgp_inspection.limits import SurveyLimits
-from evgp_inspection.survey_network import LOST
+from evgp_inspection.survey import LOST
 from evgp_inspection.traces import BEAT
 from evgp_kart_bridge.node import read_settings as read_bridge_settings
 from evgp_protocol.frames import MAX_FRAME_BYTES
