@@ -55,7 +55,7 @@ RED_RED stops."""
 FASTER = 1.02
 """Factor by which the speed of a kart that must brake has to grow to count as getting faster."""
 
-AGAIN = 0.2
+REGAINED = 0.2
 """Fraction of its top speed by which a kart that brakes has to get faster again to count as
 getting faster, because odometry is not smooth."""
 
@@ -518,7 +518,7 @@ class Oracle:
         slowest = math.inf
         for at, speed in spell.speeds:
             slowest = min(slowest, speed) if at > due else slowest
-            if top >= FAST * limits.standstill and speed > slowest + AGAIN * top:
+            if top >= FAST * limits.standstill and speed > slowest + REGAINED * top:
                 why = f'{at - spell.at:.2f} s later, it got faster again, up to {speed:.2f} m/s.'
                 self._break(spell.stops, why, at)
                 return True
