@@ -183,6 +183,7 @@ class Spell:
     :ivar true: the sentence that the kart breaks by reporting a standstill too early; empty if no
         report is due.
     :ivar grace: time during which the kart need not know the requirement yet.
+    :ivar drove: whether the kart was to drive until the spell began.
     :ivar rolled: whether the kart could still roll when the spell began.
     :ivar moved: whether its wheels turned then, or it had reported that it was driving.
     :ivar until: the time by which the kart must stand still.
@@ -197,6 +198,7 @@ class Spell:
     stops: str
     true: str = ''
     grace: float = 0.0
+    drove: bool = False
     rolled: bool = False
     moved: bool = False
     until: float = math.inf
@@ -268,6 +270,7 @@ class Oracle:
         self._recent: deque[Event] = deque()
         self._bytes = 0
         self._stops: list[Spell] = []
+        self._delays: list[float] = []  # from an order to stop until a driving kart was seen to
         self._by_word: dict[Law, float] = {}
 
     @classmethod
@@ -469,8 +472,9 @@ class Oracle:
         if rolled and not drove and not before.broken:
             # An invalid GREEN_GREEN does not shorten a braking kart's time.
             until = before.until if self._state is GREEN_GREEN else min(until, before.until)
-        spell = Spell(law, at, what, stays, stops or stays, true, grace, rolled, moved, until)
-        self.spell = spell
+        self.spell = Spell(
+            law, at, what, stays, stops or stays, true, grace, drove, rolled, moved, until
+        )
 
     def _end_spell(self, at: float) -> None:
         """Judge a spell as a whole."""
@@ -530,14 +534,16 @@ class Oracle:
                 self._break(spell.stops, why, began)
                 return True
             self._stops.append(spell)
+            if spell.drove:
+                self._delays.append(max(began - spell.at, 0.0))
         said = spell.said
         if said is None:
             return False
-        lag = (
-            limits.slack
-            if began is None
-            else min(max(began - spell.at, 0.0) + VARIES, limits.slack)
-        )
+        # A kart that was braking already does not show how late odometry is. Its other stops do.
+        delay = min(self._delays, default=limits.slack)
+        if spell.drove:
+            delay = limits.slack if began is None else max(began - spell.at, 0.0)
+        lag = min(delay + VARIES, limits.slack)
         rolls = max(ROLLING * top, limits.standstill)
         turned = next(((at, v) for at, v in spell.speeds if at > said + lag and v > rolls), None)
         if turned is not None:

@@ -49,11 +49,14 @@ HABITS = (
     'brakes as a wheel that coasts down',
     'takes a shorter silence for a loss',
     'speeds up slowly and is seen at irregular times',
+    'is seen late',
 )
 """What is unusual about a kart that is good."""
 
 MOST_UNREAD = 200
 """Number of bytes that are read 0.7 s late, 6 in each turn."""
+
+SEEN_LATE = 0.4  # s
 
 LATE_ECHO = 0.3  # s; longer than what comes between two RED_RED of the inspection at the least
 
@@ -625,7 +628,10 @@ class InspectedKart:
         self.speed += max(-braking * step, min(acceleration * step, change))
         self._drove = self._drove or self.speed > 1.0
         if now >= self._seen_next:
-            self._take(self.speed)
+            if self._has['is seen late']:
+                self._loop.call_later(SEEN_LATE, self._take, self.speed)
+            else:
+                self._take(self.speed)
             if self._has['speeds up slowly and is seen at irregular times']:
                 self._seen_next = now + self._random.uniform(0.0, 0.1)
         if self._commanded is not None and died is None:
