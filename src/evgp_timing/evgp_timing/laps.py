@@ -272,11 +272,12 @@ class Laps:
         """Return the oldest passing by an official that this crossing replaces, or None."""
         found = None
         for each, mark in zip(reversed(self.crossings), reversed(self.marks), strict=True):
-            if crossing.passing.transponder or (
-                crossing.came - each.came > self.settings.clock_tolerance
-            ):
+            later = crossing.came - each.came
+            if crossing.passing.transponder or later > self.settings.clock_tolerance:
                 break
-            if each.passing.source == BY_HAND and mark is Mark.COUNTED:
+            # While the timekeeper was away, the kart may have crossed long before this press.
+            is_near = later >= -BEAM_PRESS
+            if is_near and each.passing.source == BY_HAND and mark is Mark.COUNTED:
                 kart = each.passing.kart
                 others = tuple(at for at in self.counted[kart] if at != each.at)
                 if self._mark(crossing, kart, others) is Mark.COUNTED:
@@ -382,8 +383,8 @@ class Laps:
         return self.again(finished={key: at for key, at in self.finished.items() if key != kart})
 
     def leave(self, kart: int, now: float) -> Laps:
-        """Record that a kart has left the race."""
-        return self.again(left={**self.left, kart: now - self.green})
+        """Record that a kart has left the race. It cannot come back, so its first time counts."""
+        return self.again(left={kart: now - self.green, **self.left})
 
     def end(self, now: float) -> Laps:
         """Record that the race was stopped or is over. Later passings do not count."""

@@ -464,3 +464,30 @@ def test_the_order_of_finish_is_asked_about_also_in_a_race_without_a_number_of_l
     event.tell(What.FINISH, 1)
     (asked,) = event.desk.questions()
     assert 'order of FINISH' in asked
+
+
+def test_a_kart_that_is_released_a_second_time_left_the_race_the_first_time(
+    event: Event,
+) -> None:
+    event.start('Heat 1', 1, 2)
+    event.lap(1, 1)
+    event.tell(What.LEFT, 1)
+    event.cross(1)  # its team pushes it over the line
+    event.now += 10.0
+    event.tell(What.LEFT, 1)
+    (kart,) = (each for each in event.desk.standings().karts if each.kart == 1)
+    assert len(kart.lap_times) == 1
+
+
+def test_a_beam_that_saw_a_kart_while_the_timekeeper_was_away_takes_no_later_press(
+    event: Event,
+) -> None:
+    event.start('Heat 1', 1, 2)
+    event.desk.feed(Passed(event.now, (event.cross_later(0, 0.0)._replace(transponder=''),)))
+    seen = event.cross_later(0, 30.0)._replace(transponder='')
+    event.now += 60.0
+    assert event.correct(Act.COUNT, 1)
+    event.desk.feed(Passed(event.now, (seen,), away=50.0))
+    _, late, press = sorted(event.desk.standings().passings, key=lambda each: each.at)
+    assert (press.kart, press.mark) == (1, Mark.COUNTED)
+    assert (late.passing, late.mark) == (seen, Mark.UNKNOWN)
