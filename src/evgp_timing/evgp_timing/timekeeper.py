@@ -355,8 +355,10 @@ class Timekeeper(StrictNode):
         now = clock.now()
         seen, last = self._desk.standings(now), self._shown
         if last is not None and last.race and (last.run, last.race) != (seen.run, seen.race):
-            # `_keep` may not have written the last changes of the race before this one.
-            self._write_results(self._desk.standings(now, self._desk.races[-2]))
+            # `_keep` may not have written the last changes of the races before this one.
+            names = [(each.run, each.number) for each in self._desk.races]
+            for race in self._desk.races[names.index((last.run, last.race)) : -1]:
+                self._write_results(self._desk.standings(now, race))
         if (
             self._shown is None
             or seen[1:] != self._shown[1:]
