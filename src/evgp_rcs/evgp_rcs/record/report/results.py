@@ -24,7 +24,7 @@ from evgp_rcs.record.report import wording
 from evgp_rcs.record.report.model import Account, RaceAccount, Result
 from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.record.runs import add_run_arguments, CALLED, open_runs, PARTLY, put, say
-from evgp_rcs.record.timing import timing_of
+from evgp_rcs.record.timing import Timing, timing_of
 
 COLUMNS = (
     'run',
@@ -84,9 +84,9 @@ def options() -> argparse.ArgumentParser:
     return parser
 
 
-def runs_of(wanted: argparse.Namespace) -> tuple[list[Account], int]:
+def runs_of(wanted: argparse.Namespace) -> tuple[list[Account], Timing, int]:
     """
-    Return the runs that the command line names, oldest first, and the exit code so far.
+    Return the named runs, oldest first, what the book has of all runs, and the exit code so far.
 
     :raises UnreadableError: if the record or the run cannot be read.
     """
@@ -106,7 +106,7 @@ def runs_of(wanted: argparse.Namespace) -> tuple[list[Account], int]:
         if lacks := account.replay.lacks:
             say(f'run {account.kept.run.number} is only partly known: {lacks}')
             code = PARTLY
-    return accounts, code
+    return accounts, timing, code
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -117,11 +117,15 @@ def main(arguments: Sequence[str]) -> int:
     :raises UnreadableError: if the record or the run cannot be read.
     """
     wanted = options().parse_args(arguments)
-    accounts, code = runs_of(wanted)
+    accounts, timing, code = runs_of(wanted)
     rows: list[tuple[str, ...]] = []
-    of_day: dict[Format, Standings] = {}
-    for account in accounts:
-        of_day |= account.overall
+    runs = {account.kept.run.id for account in accounts}
+    # The last written is the newest: it may be a correction of a race in an earlier run.
+    of_day = {
+        each.format: each
+        for (run, _), each in timing.results.items()
+        if run in runs and each.karts
+    }
     for account in accounts:
         run = account.kept.run
         clock = Clock(account.began_ns)
