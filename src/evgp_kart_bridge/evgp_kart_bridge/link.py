@@ -16,8 +16,8 @@ silent, and the kart's nodes stop (§3.E).
 The time comes from `evgp_protocol.clock`, a clock that cannot be set and runs on during suspend.
 After the computer wakes up, the link checks the time within ``1 / REPEAT``, and in any case before
 it judges the first frame that arrives. It then finds that the connection was silent for too long.
-If the thread was held up for less time, it obeys the frames that waited, but they do not end the
-silence: race control may be gone since.
+If the thread was held up for less time, but for over `HELD_UP`, it obeys the frames that waited,
+but they do not end the silence, because race control may have gone in the meantime.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ LAST_WAIT = 2.0
 """Maximum time before any attempt to connect, in seconds."""
 
 HELD_UP = 0.5
-"""Maximum time between every second turn of `_repeat`, in seconds. If it is longer, the thread was
-held up, and the stack has stopped the kart because the bridge was silent."""
+"""Maximum time from a turn of `_repeat` to the next but one, in seconds. If it is longer, the
+thread was held up. By default, the stack then stops the kart, because the bridge is silent."""
 
 LINK_END_TIMEOUT = 2.0
 """Maximum time to wait until the thread has ended, in seconds."""

@@ -224,7 +224,7 @@ class RaceOfEvent(NamedTuple):
 
 
 class Standings(NamedTuple):
-    """The results of the newest race."""
+    """The results of a race: the newest one, except in the timekeeper's book."""
 
     stamp: float = 0.0
     run: str = ''

@@ -28,7 +28,8 @@ LASTS = 1800
 """Time after which an incident ends, as if people had repaired everything, in ticks."""
 
 FIRST_CUE = 20.0
-"""Time from GREEN_GREEN to the first incident of the command line, in seconds."""
+"""Time from the race state in which the first incident of the command line can begin until it is
+due, in seconds."""
 
 
 class Phase(enum.Enum):
@@ -244,7 +245,11 @@ INCIDENTS = {row.name: row for row in _ROWS}
 
 
 def script_of(names: Sequence[str]) -> tuple[Cue, ...]:
-    """Return a script of these incidents, in which none begins before the last one has ended."""
+    """
+    Return a script of these incidents, in this order.
+
+    An incident that begins when it is due has ended before the next one is due.
+    """
     apart = LASTS * TICK_LENGTH
     return tuple(Cue(name, FIRST_CUE + apart * number) for number, name in enumerate(names))
 

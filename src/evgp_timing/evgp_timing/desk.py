@@ -74,9 +74,9 @@ class What(enum.Enum):
 
 class Terms(NamedTuple):
     """
-    The roster and the settings. Races that were started before keep their own.
+    The roster and the settings. Races that were started earlier keep theirs.
 
-    :param at: from when on they apply, in seconds.
+    :param at: the time from which they apply, in seconds.
     """
 
     at: float

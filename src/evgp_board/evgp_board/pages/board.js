@@ -58,7 +58,7 @@ function made(kind, name, ...parts) {
 const pad = (number) => String(number).padStart(2, '0');
 
 function timeOfDay(seconds) {
-  const whole = Math.floor(seconds) % 86400; // a message of before midnight may be shown after it
+  const whole = Math.floor(seconds) % 86400; // a message from before midnight may be shown after it
   return [Math.floor(whole / 3600), Math.floor(whole / 60) % 60, whole % 60].map(pad).join(':');
 }
 
