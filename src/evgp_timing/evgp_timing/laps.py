@@ -359,10 +359,11 @@ class Laps:
 
     def again(self, **changes: Any) -> Laps:
         """Return new laps with these fields changed and all passings judged again."""
+        changed = dataclasses.replace(self, **changes)
         ends = self.settings.first_crossing == 'ends'
-        begun = dict.fromkeys(self.karts, (0.0,) * ends)
+        begun = dict.fromkeys(changed.karts, (0.0,) * ends)
         fresh = dataclasses.replace(
-            self, counted=begun, crossings=(), marks=(), unknown=frozenset(), **changes
+            changed, counted=begun, crossings=(), marks=(), unknown=frozenset()
         )
         return fresh._judge(self.crossings)[0]
 

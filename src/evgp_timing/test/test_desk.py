@@ -491,3 +491,13 @@ def test_a_beam_that_saw_a_kart_while_the_timekeeper_was_away_takes_no_later_pre
     _, late, press = sorted(event.desk.standings().passings, key=lambda each: each.at)
     assert (press.kart, press.mark) == (1, Mark.COUNTED)
     assert (late.passing, late.mark) == (seen, Mark.UNKNOWN)
+
+
+def test_where_the_first_crossing_ends_lap_1_it_does_so_for_the_kart_that_was_sent_green_last(
+    event: Event,
+) -> None:
+    event.desk.feed(Terms(event.now, ROSTER, LapSettings(first_crossing='ends')))
+    event.start('Heat 1', 1, 2)
+    event.cross(1)
+    event.cross(2)
+    assert [each.laps for each in event.desk.standings().karts] == [1, 1]
