@@ -19,11 +19,10 @@ from evgp_rcs.ros import settings
 from evgp_rcs_console import button
 from evgp_testing import race_control
 from evgp_testing.process import Process
+from evgp_testing.ros_side import joined
 from evgp_timing import node as timing_source
 from evgp_timing import timekeeper
 import pytest
-import rclpy
-from rclpy.context import Context
 
 Refusal = Callable[..., str]
 
@@ -125,14 +124,9 @@ WRONG_VALUES = {
 def test_a_wrong_value_is_named_with_what_is_possible(
     module: Any, given: list[str], said: str, domain: int
 ) -> None:
-    context = Context()
-    rclpy.init(context=context, domain_id=domain)
     arguments = ['--ros-args', *(word for each in given for word in ('-p', each))]
-    try:
-        with pytest.raises(ParameterError, match=said):
-            module.read_settings(Parameters(StrictNode('it', context=context, cli_args=arguments)))
-    finally:
-        rclpy.try_shutdown(context=context)
+    with joined(domain) as context, pytest.raises(ParameterError, match=said):
+        module.read_settings(Parameters(StrictNode('it', context=context, cli_args=arguments)))
 
 
 def test_an_unknown_argument_of_ros_is_refused(refusal: Refusal) -> None:

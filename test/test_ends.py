@@ -17,9 +17,8 @@ from evgp_node.process import CLOSE_TIMEOUT, TEARDOWN_TIMEOUT
 from evgp_node.spinning import Spinning
 from evgp_testing.domains import Domain
 from evgp_testing.part import PATIENCE
+from evgp_testing.ros_side import joined
 import pytest
-import rclpy
-from rclpy.context import Context
 from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
@@ -32,9 +31,7 @@ ENDS = 100
 def test_a_spinning_thread_that_is_stopped_amid_callbacks_ends_without_an_error(
     parts: contextlib.ExitStack, only_serves: bool
 ) -> None:
-    context = Context()
-    rclpy.init(context=context, domain_id=parts.enter_context(Domain()).number)
-    parts.callback(rclpy.try_shutdown, context=context)
+    context = parts.enter_context(joined(parts.enter_context(Domain()).number))
     busy = Node('busy', context=context, use_global_arguments=False)
     parts.callback(busy.destroy_node)
     publisher = busy.create_publisher(Bool, '/busy', 10)

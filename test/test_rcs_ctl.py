@@ -19,6 +19,7 @@ import threading
 import time
 
 from ament_index_python.packages import get_package_prefix
+from evgp_node.graph import bind_graph
 from evgp_node.official import UNNAMED
 from evgp_node.results import Act
 from evgp_node.services import service_class
@@ -47,12 +48,11 @@ from evgp_testing.official import Official, TRIES
 from evgp_testing.part import Part, PATIENCE
 from evgp_testing.process import freeze
 from evgp_testing.race_control import RaceControl
-from evgp_testing.ros_side import RosSide
+from evgp_testing.ros_side import environment_kept, joined, RosSide
 from evgp_testing.wire_kart import Acknowledges
 from evgp_timing.corrections import CORRECTIONS
 import pytest
 import rclpy
-from rclpy.context import Context
 from rig.desk import Desk
 from rig.terminal import Terminal
 from test_timekeeper import Event
@@ -122,9 +122,11 @@ class Lines(Part):
 
     def __init__(self, domain: int, official: Official) -> None:
         self._official = official
-        rclpy.init(domain_id=domain, signal_handler_options=rclpy.SignalHandlerOptions.NO)
         self._hearing = Hearing()
-        self._client = Client('lines', self._hearing, use_global_arguments=False)
+        with environment_kept():  # as `join_graph`, but the test stays as it is
+            bind_graph()
+            rclpy.init(domain_id=domain, signal_handler_options=rclpy.SignalHandlerOptions.NO)
+            self._client = Client('lines', self._hearing, use_global_arguments=False)
 
     def run(self, *words: str) -> Told:
         """Return what a line has come to."""
@@ -747,10 +749,9 @@ def test_a_name_in_another_encoding_keeps_no_stop_back(lasting: RaceControl) -> 
 
 
 def test_a_request_that_ros_cannot_carry_is_said_not_to_be_sent_and_stops_still_are(
-    lasting: RaceControl,
+    lasting: RaceControl, parts: contextlib.ExitStack
 ) -> None:
-    context = Context()
-    rclpy.init(context=context, domain_id=lasting.domain)
+    context = parts.enter_context(joined(lasting.domain))
     hearing = Hearing()
     client = Client('wrong', hearing, context=context, use_global_arguments=False)
     try:
@@ -766,7 +767,6 @@ def test_a_request_that_ros_cannot_carry_is_said_not_to_be_sent_and_stops_still_
         assert hearing.wait_for(lambda: hearing.standing[0].said, now() + PATIENCE)
     finally:
         client.close()
-        rclpy.try_shutdown(context=context)
 
 
 def test_a_watch_says_that_somebody_is_there_at_a_terminal_but_not_through_a_pipe(
@@ -829,9 +829,10 @@ class SlowListener(Hearing):
         self.told.append(len(stops))
 
 
-def test_that_all_kill_is_accepted_is_told_last(lasting: RaceControl) -> None:
-    context = Context()
-    rclpy.init(context=context, domain_id=lasting.domain)
+def test_that_all_kill_is_accepted_is_told_last(
+    lasting: RaceControl, parts: contextlib.ExitStack
+) -> None:
+    context = parts.enter_context(joined(lasting.domain))
     listener = SlowListener()
     client = Client('slow', listener, context=context, use_global_arguments=False)
 
@@ -841,7 +842,6 @@ def test_that_all_kill_is_accepted_is_told_last(lasting: RaceControl) -> None:
             assert listener.news.wait_for(lambda: listener.answer, PATIENCE)
     finally:
         client.close()
-        rclpy.try_shutdown(context=context)
 
     assert listener.told[-1] == 0
 
@@ -851,8 +851,7 @@ def test_a_command_that_is_never_answered_is_given_up_while_somebody_says_that_t
 ) -> None:
     monkeypatch.setattr('evgp_rcs_console.client.GIVE_UP', 1.0)
     _, answering = never_answers(parts, domain, 'race_over')
-    context = Context()
-    rclpy.init(context=context, domain_id=domain)
+    context = parts.enter_context(joined(domain))
     listener = Hearing()
     client = Client('waits', listener, context, there='rcs_gui', use_global_arguments=False)
     try:
@@ -865,7 +864,6 @@ def test_a_command_that_is_never_answered_is_given_up_while_somebody_says_that_t
     finally:
         answering.set()
         client.close()
-        rclpy.try_shutdown(context=context)
     assert listener.answer is not None
     assert not listener.answer[1].success
 

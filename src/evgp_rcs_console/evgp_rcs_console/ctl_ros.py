@@ -104,7 +104,7 @@ def attend(
     try:
         join_graph('rcs_ctl', given)
     except (GraphError, RCLError, UnknownROSArgsError) as error:
-        return Told(Exit.USAGE, error=f'rcs_ctl: {error}\n{wanted.parser.unsent}')
+        return _cannot(wanted, error)
     parts.callback(rclpy.try_shutdown)
     hearing = Hearing()
     # Watching needs no permission to command, and a spectators' screen has none.
@@ -113,8 +113,7 @@ def attend(
     try:
         client = Client('rcs_ctl', hearing, commands=commands, there='rcs_ctl' * _is_at(wanted))
     except RCLError as error:
-        said = texts.NOT_ALLOWED.format(error=error)
-        return Told(Exit.USAGE, error=f'rcs_ctl: {said}\n{wanted.parser.unsent}')
+        return _cannot(wanted, texts.NOT_ALLOWED.format(error=error))
     parts.callback(client.close)
     ready = now()
     until = min(ready + float(wanted.wait), began + STARTING + float(wanted.wait) - GRACE)
@@ -130,6 +129,12 @@ def attend(
         error = hearing.answer[1].message if hearing.answer else _interrupted(hearing)
         told = Told(Exit.NOT_THERE, error=error)
     return _under_banner(told, hearing.race)
+
+
+def _cannot(wanted: argparse.Namespace, why: object) -> Told:
+    """Return why `rcs_ctl` cannot take part in the graph, and that a command was not sent."""
+    unsent = f'\n{wanted.parser.unsent}' if wanted.command in COMMANDS else ''
+    return Told(Exit.USAGE, error=f'rcs_ctl: {why}{unsent}')
 
 
 def _is_at(wanted: argparse.Namespace) -> bool:

@@ -107,6 +107,23 @@ class RosSide(Part):
 
 
 @contextlib.contextmanager
+def joined(domain: int) -> Iterator[Context]:
+    """
+    Provide a ROS context on a domain, whose nodes are bound to loopback as our programs are.
+
+    Fast DDS reads its settings once in each process, for the first node.
+    """
+    context = Context()
+    with environment_kept():
+        bind_graph()
+        rclpy.init(context=context, domain_id=domain)
+        try:
+            yield context
+        finally:
+            rclpy.try_shutdown(context=context)
+
+
+@contextlib.contextmanager
 def environment_kept() -> Iterator[None]:
     """Restore this process's environment afterwards."""
     before = dict(os.environ)
