@@ -76,8 +76,7 @@ class Entry:
     :param key: key of the button. A command to one kart goes to the selected kart.
     :param does: the button's description of the command. ``{karts}`` stands for the number of
         karts that it starts or releases.
-    :param follows: a text that says when the command is usual. At other times, screens show it
-        before the reason why the command is not possible.
+    :param follows: a text that says when the command is usual, shown in other race states.
     :param condition: what an official confirms if race control asks for no statement. ``{kart}``
         stands for the kart.
     :param sends: the state that the command sends, if it asks for confirmation.

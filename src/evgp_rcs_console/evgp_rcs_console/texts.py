@@ -340,21 +340,14 @@ UNDER_WAY = (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN)
 
 
 def missing(race: Snapshot) -> str:
-    """
-    Return the karts in the race that have not obeyed their order yet; empty if all have.
-
-    On the grid, the text also counts the karts that are ready.
-    """
+    """Return the karts in the race that have not obeyed their order yet; empty if all have."""
     racing = [kart for kart in race.karts if kart.in_race and kart.sent is not RaceState.IN_GARAGE]
     late = [
         kart for kart in racing if not kart.connected or not kart.acknowledged or kart.in_doubt
     ]
     if not late:
         return ''
-    waits = f'waiting for {_numbers(kart.number for kart in late)}'
-    if all(kart.sent is RaceState.GRID_ACTIVE for kart in racing):
-        return f'{len(racing) - len(late)} of {len(racing)} ready: {waits}'
-    return waits
+    return f'waiting for {_numbers(kart.number for kart in late)}'
 
 
 def heat_in_race(race: Snapshot) -> str:

@@ -788,9 +788,10 @@ class _Buttons:
             return f'since {time_of_day(race.state_since)}', True
         if button.enabled:
             return does.format(karts=texts.count(offered.karts)), False
-        # The text says when the command is usual, so it is no hint while only a pause blocks it.
+        # In another state of the race, the short text says enough; who points at the button reads
+        # the whole reason. While a pause blocks the command, only the reason says how long.
         fits = command in NEXT.get(race.state, ()) or offered.available_from is not None
-        return ': '.join(filter(None, ('' if fits else follows, button.reason))), False
+        return (not fits and follows) or button.reason, False
 
     def kart(self, command: CommandKind, kart: KartSnapshot, key: str = '') -> Button:
         return self._button(command, kart, kart.offered(command), key)
