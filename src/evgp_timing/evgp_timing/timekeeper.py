@@ -357,7 +357,8 @@ class Timekeeper(StrictNode):
         if last is not None and last.race and (last.run, last.race) != (seen.run, seen.race):
             # `_keep` may not have written the last changes of the races before this one.
             names = [(each.run, each.number) for each in self._desk.races]
-            for race in self._desk.races[names.index((last.run, last.race)) : -1]:
+            first = names.index((last.run, last.race))
+            for race in self._desk.races[first:-1]:
                 self._write_results(self._desk.standings(now, race))
         if (
             self._shown is None
