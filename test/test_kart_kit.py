@@ -626,25 +626,30 @@ def start_example(
     return start
 
 
-@pytest.mark.parametrize('example', ['posix.c', 'example.py'])
-def test_an_example_says_why_it_is_not_connected(
-    example: str,
+@pytest.fixture(params=['posix.c', 'example.py'])
+def start_towards(
+    request: pytest.FixtureRequest,
     command_of: Callable[[str], tuple[str, ...]],
     parts: contextlib.ExitStack,
-) -> None:
-    nowhere = '255.255.255.255'  # no TCP connection leads there
-    kart = parts.enter_context(Program('example', [*command_of(example)[:-1], nowhere]))
+) -> Callable[[str], Program]:
+    """Return a function that starts an example, for race control at an address."""
+
+    def start(address: str) -> Program:
+        command = *command_of(request.param)[:-1], address
+        return parts.enter_context(Program(request.param, command))
+
+    return start
+
+
+def test_an_example_says_why_it_is_not_connected(start_towards: Callable[[str], Program]) -> None:
+    kart = start_towards('255.255.255.255')  # no TCP connection leads there
     kart.wait_for_line(os.strerror(errno.ENETUNREACH))
 
 
-@pytest.mark.parametrize('example', ['posix.c', 'example.py'])
 def test_an_example_does_not_wait_while_a_name_is_looked_up(
-    example: str,
-    command_of: Callable[[str], tuple[str, ...]],
-    parts: contextlib.ExitStack,
+    start_towards: Callable[[str], Program],
 ) -> None:
-    kart = parts.enter_context(Program('example', [*command_of(example)[:-1], 'localhost']))
-    assert kart.wait() != 0
+    assert start_towards('localhost').wait() != 0
 
 
 def test_the_examples_in_python_do_not_slow_down_gently_once_they_may_not_drive(

@@ -19,7 +19,6 @@ import threading
 import time
 
 from ament_index_python.packages import get_package_prefix
-from evgp_node.graph import bind_graph
 from evgp_node.official import UNNAMED
 from evgp_node.results import Act
 from evgp_node.services import service_class
@@ -48,7 +47,7 @@ from evgp_testing.official import Official, TRIES
 from evgp_testing.part import Part, PATIENCE
 from evgp_testing.process import freeze
 from evgp_testing.race_control import RaceControl
-from evgp_testing.ros_side import environment_kept, joined, RosSide
+from evgp_testing.ros_side import bound, joined, RosSide
 from evgp_testing.wire_kart import Acknowledges
 from evgp_timing.corrections import CORRECTIONS
 import pytest
@@ -123,8 +122,7 @@ class Lines(Part):
     def __init__(self, domain: int, official: Official) -> None:
         self._official = official
         self._hearing = Hearing()
-        with environment_kept():  # as `join_graph`, but the test stays as it is
-            bind_graph()
+        with bound():
             rclpy.init(domain_id=domain, signal_handler_options=rclpy.SignalHandlerOptions.NO)
             self._client = Client('lines', self._hearing, use_global_arguments=False)
 
@@ -748,13 +746,22 @@ def test_a_name_in_another_encoding_keeps_no_stop_back(lasting: RaceControl) -> 
     assert done.returncode == ACCEPTED, done.stderr
 
 
+@contextlib.contextmanager
+def client_of(domain: int, listener: Hearing, there: str = '') -> Iterator[Client]:
+    """Provide a client in this process."""
+    with joined(domain) as context:
+        client = Client('client', listener, context, there=there, use_global_arguments=False)
+        try:
+            yield client
+        finally:
+            client.close()
+
+
 def test_a_request_that_ros_cannot_carry_is_said_not_to_be_sent_and_stops_still_are(
-    lasting: RaceControl, parts: contextlib.ExitStack
+    lasting: RaceControl,
 ) -> None:
-    context = parts.enter_context(joined(lasting.domain))
     hearing = Hearing()
-    client = Client('wrong', hearing, context=context, use_global_arguments=False)
-    try:
+    with client_of(lasting.domain, hearing) as client:
         assert client.wait_for(CommandKind.SET_HEAT, PATIENCE)
         client.give(Given(CommandKind.SET_HEAT, heat='\udcff'))
         assert hearing.wait_for(lambda: hearing.answer, now() + PATIENCE)
@@ -765,8 +772,6 @@ def test_a_request_that_ros_cannot_carry_is_said_not_to_be_sent_and_stops_still_
         hearing.wait_for(lambda: hearing.answer and hearing.answer[1].success, now() + PATIENCE)
         assert hearing.answer[0].command is CommandKind.ALL_KILL
         assert hearing.wait_for(lambda: hearing.standing[0].said, now() + PATIENCE)
-    finally:
-        client.close()
 
 
 def test_a_watch_says_that_somebody_is_there_at_a_terminal_but_not_through_a_pipe(
@@ -829,19 +834,13 @@ class SlowListener(Hearing):
         self.told.append(len(stops))
 
 
-def test_that_all_kill_is_accepted_is_told_last(
-    lasting: RaceControl, parts: contextlib.ExitStack
-) -> None:
-    context = parts.enter_context(joined(lasting.domain))
+def test_that_all_kill_is_accepted_is_told_last(lasting: RaceControl) -> None:
     listener = SlowListener()
-    client = Client('slow', listener, context=context, use_global_arguments=False)
 
-    try:
+    with client_of(lasting.domain, listener) as client:
         client.give(Given(CommandKind.ALL_KILL))
         with listener.news:
             assert listener.news.wait_for(lambda: listener.answer, PATIENCE)
-    finally:
-        client.close()
 
     assert listener.told[-1] == 0
 
@@ -850,20 +849,15 @@ def test_a_command_that_is_never_answered_is_given_up_while_somebody_says_that_t
     parts: contextlib.ExitStack, domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('evgp_rcs_console.client.GIVE_UP', 1.0)
-    _, answering = never_answers(parts, domain, 'race_over')
-    context = parts.enter_context(joined(domain))
+    never_answers(parts, domain, 'race_over')
     listener = Hearing()
-    client = Client('waits', listener, context, there='rcs_gui', use_global_arguments=False)
-    try:
+    with client_of(domain, listener, there='rcs_gui') as client:
         assert client.wait_for(CommandKind.RACE_OVER, PATIENCE)
         client.give(Given(CommandKind.RACE_OVER))
         ends = time.monotonic() + PATIENCE
         while listener.answer is None and time.monotonic() < ends:
             client.announce('Anna', '')
             listener.wait_for(lambda: listener.answer, now() + 0.1)
-    finally:
-        answering.set()
-        client.close()
     assert listener.answer is not None
     assert not listener.answer[1].success
 

@@ -278,6 +278,14 @@ def test_karts_race_on_without_a_timekeeper_and_one_that_comes_back_has_every_la
     assert line.wait_for_laps(1, 2).lap_times == times
 
 
+def assert_penalised_in_the_book(event: Event) -> None:
+    """Kart 1 has a penalty in the last results of the first race, which the report reads."""
+    written = [each for _, each in entries(event.book) if isinstance(each, Standings)]
+    of_first = [each.kart(1) for each in written if each.race == written[0].race]
+    assert of_first[-1] is not None
+    assert of_first[-1].penalties
+
+
 def test_one_that_hangs_holds_up_nobody_and_what_it_says_in_the_next_race_concerns_no_kart(
     event: Event,
 ) -> None:
@@ -298,10 +306,7 @@ def test_one_that_hangs_holds_up_nobody_and_what_it_says_in_the_next_race_concer
     assert marks(seen) == [NOT_COUNTED]
     assert [each.classified for each in seen.races] == [0, 0]
     assert line.correct(Act.PENALISE, kart=1, race=1, seconds=5, reason='a short cut')[0]
-    written = [each for _, each in entries(event.book) if isinstance(each, Standings)]
-    of_first = [each.kart(1) for each in written if each.race == written[0].race]
-    assert of_first[-1] is not None
-    assert of_first[-1].penalties  # for the report
+    assert_penalised_in_the_book(event)
     line.laps(1, 2)
     line.wait_for_laps(1, 1)
     event.assert_green()
@@ -320,10 +325,7 @@ def test_a_correction_just_before_the_next_race_is_in_the_results_for_the_report
     assert line.correct(Act.PENALISE, kart=1, seconds=5, reason='a short cut')[0]
     event.official.bring_to(RaceState.GRID_ACTIVE, *KARTS)
     line.wait_for(lambda seen: len(seen.races) == 2, 'the next race')
-    written = [each for _, each in entries(event.book) if isinstance(each, Standings)]
-    of_first = [each.kart(1) for each in written if each.race == written[0].race]
-    assert of_first[-1] is not None
-    assert of_first[-1].penalties
+    assert_penalised_in_the_book(event)
 
 
 def test_a_flood_of_passings_is_bounded_and_told_and_holds_up_neither_stops_nor_laps(

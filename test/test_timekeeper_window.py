@@ -23,7 +23,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_node.codec import message_of
-from evgp_node.graph import bind_graph
 from evgp_node.official import claim
 from evgp_node.qos import latched
 from evgp_node.results import (
@@ -43,7 +42,7 @@ from evgp_rcs_msgs import msg
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import freeze, Process, Program
 from evgp_testing.race_control import Timekeeper, write_roster
-from evgp_testing.ros_side import environment_kept, RosSide
+from evgp_testing.ros_side import bound, RosSide
 from evgp_timing import window
 from evgp_timing.corrections import CORRECTIONS
 from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS
@@ -154,8 +153,7 @@ class Window:
     def __init__(self, application: Any, domain: int) -> None:
         self._application = application
         self._context = Context()
-        with environment_kept():
-            bind_graph()
+        with bound():
             rclpy.init(context=self._context, domain_id=domain)
             self._client = window.Client(context=self._context, use_global_arguments=False)
         self.window = window_widgets.TimekeeperWindow(self._client.give, self._client.take, 'Tina')

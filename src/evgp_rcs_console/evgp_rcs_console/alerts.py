@@ -25,7 +25,7 @@ from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.notices import AlertBook, Notice, summary
-from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
+from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
 from evgp_rcs_console.style import LARGE, look, NUMBER, SMALL
 from evgp_rcs_console.view import Screen
 from evgp_rcs_console.widgets import fixed, lay, mark, Panel, Push, Text, TOP
@@ -155,9 +155,6 @@ class AlertsArea(Panel):
 
     changed = Signal()
     """Emitted when SEEN marks nothing, because the alerts had just changed."""
-    pointed = Signal(str)
-    """Emitted when the pointer enters or leaves the area. Carries all the alerts if the pointer is
-    there and the area does not show them in full; otherwise an empty text."""
 
     def __init__(self) -> None:
         super().__init__('banner')
@@ -199,11 +196,10 @@ class AlertsArea(Panel):
     def cut(self) -> bool:
         return bool(self._body.heightForWidth(self._body.width()) > self._body.height())
 
-    def enterEvent(self, event: QtGui.QEnterEvent) -> None:  # noqa: N802 - Qt's name
-        self.pointed.emit('' if self._in_full else '  '.join(map(str, self._notices)))
-
-    def leaveEvent(self, event: QtCore.QEvent) -> None:  # noqa: N802 - Qt's name
-        self.pointed.emit('')
+    @property
+    def explanation(self) -> str:
+        """Return all the alerts if the area does not show them in full; otherwise ''."""
+        return '' if self._in_full else '  '.join(map(str, self._notices))
 
     def take_race(self, race: Snapshot, two: bool) -> None:
         """Update the alerts from a snapshot and sound the alarm soon if one of them is new."""

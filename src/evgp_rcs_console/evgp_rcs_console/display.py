@@ -437,6 +437,8 @@ def _explanation(pointed: object) -> str:
     """Return why a button's command is unavailable, or the full wording of truncated text."""
     if isinstance(pointed, Text):
         return pointed.text().replace('\n', ', ') if pointed.cut else ''
+    if isinstance(pointed, AlertsArea):
+        return pointed.explanation
     if isinstance(pointed, CommandButton) and pointed.button is not None:
         return pointed.button.explanation
     return pointed if isinstance(pointed, str) else ''

@@ -13,6 +13,7 @@ from __future__ import annotations
 from evgp_protocol import clock
 from evgp_rcs.words import Tone
 from evgp_rcs_console import texts
+from evgp_rcs_console.alerts import AlertsArea
 from evgp_rcs_console.display import Areas, Display, Inbox
 from evgp_rcs_console.input import CommandInput, Give, Keyboard, LateInput, Mouse
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
@@ -51,7 +52,6 @@ class ConsoleWindow(Areas):
         self.karts.chosen.connect(chosen.choose_in_sight)
         self.karts.wanted.connect(chosen.choose)
         self.karts.pointed.connect(bottom.point_at)
-        self.alerts.pointed.connect(bottom.point_at)
         self.alerts.changed.connect(lambda: bottom.say(texts.ALERTS_CHANGED, Tone.WAIT))
         # The signals come from other threads, so they are always queued.
         queued = QtCore.Qt.ConnectionType.QueuedConnection
@@ -100,7 +100,7 @@ class ConsoleWindow(Areas):
                 return self._keyboard.take(event)
             if isinstance(event, QtGui.QMouseEvent):
                 return self._mouse.take(event)
-        if isinstance(watched, (CommandButton, Text)):
+        if isinstance(watched, (AlertsArea, CommandButton, Text)):
             if kind in (QtCore.QEvent.Type.Enter, QtCore.QEvent.Type.FocusIn):
                 self.display.bottom.point_at(watched)
             elif kind in (QtCore.QEvent.Type.Leave, QtCore.QEvent.Type.FocusOut):

@@ -42,10 +42,7 @@ class RosSide(Part):
         self.news = threading.Condition()
         self.failures: list[BaseException] = []
         self.context = Context()
-        with environment_kept():
-            # Like our programs, this one uses no shared memory of DDS. Tests freeze and kill
-            # processes, and one that holds a lock there would delay all others for seconds.
-            bind_graph()
+        with bound():
             rclpy.init(context=self.context, domain_id=domain)
             self.node = Node(
                 name,
@@ -107,15 +104,24 @@ class RosSide(Part):
 
 
 @contextlib.contextmanager
-def joined(domain: int) -> Iterator[Context]:
+def bound() -> Iterator[None]:
     """
-    Provide a ROS context on a domain, whose nodes are bound to loopback as our programs are.
+    Have DDS bind the nodes that are made in this block as it binds our programs.
 
-    Fast DDS reads its settings once in each process, for the first node.
+    Make no node in a test's process without it: Fast DDS reads its settings once in each process,
+    for the first node. With them, it uses no shared memory. Tests freeze and kill processes, and
+    one that holds a lock there would delay all others for seconds.
     """
-    context = Context()
     with environment_kept():
         bind_graph()
+        yield
+
+
+@contextlib.contextmanager
+def joined(domain: int) -> Iterator[Context]:
+    """Provide a ROS context on a domain, whose nodes are bound as our programs are."""
+    context = Context()
+    with bound():
         rclpy.init(context=context, domain_id=domain)
         try:
             yield context

@@ -221,14 +221,15 @@ class Laps:
             at = anchor.at + (passing.stamp_ns - anchor.passing.stamp_ns) / 1e9
             tolerance = self.settings.clock_tolerance
             agrees = -tolerance - away <= at - came <= tolerance
+            timed = crossing._replace(at=at)
             is_late = at < 0.0 and not any(
-                self._shows_jump(each, crossing._replace(at=at))
+                self._shows_jump(each, timed)
                 for each in (*reversed(crossings), *reversed(self.crossings))
             )
             if agrees and came - at > tolerance:  # only the timekeeper was late
-                crossing = Crossing(passing, at, at)
+                crossing = timed._replace(came=at)
             elif agrees or is_late:
-                crossing = crossing._replace(at=at)
+                crossing = timed
             if not agrees and is_late:
                 clocks.add(source)
             elif not agrees:

@@ -49,6 +49,14 @@ class Event:
         for kart in karts:
             self.tell(What.SENT_GREEN, kart)
 
+    def race_again(self, kart: int) -> None:
+        """Start a second race, a minute after one in which the kart crossed the line once."""
+        self.start('', kart)
+        self.cross(kart)
+        self.tell(What.OVER)
+        self.now += 60.0
+        self.start('', kart)
+
     def cross(self, kart: int, after: float = 10.0, ago: float = 0.0) -> Passing:
         """Have the line see a kart, and say it so long after that."""
         self.now += after
@@ -167,11 +175,7 @@ def test_auto_finish_asks_for_the_finish_of_a_kart_with_all_its_laps(event: Even
 def test_a_crossing_from_before_green_never_counts_however_late_it_arrives(
     event: Event, late: float
 ) -> None:
-    event.start('', 1)
-    event.cross(1)
-    event.tell(What.OVER)
-    event.now += 60.0
-    event.start('', 1)
+    event.race_again(1)
     event.cross(1, after=late, ago=late + 1.0)
     assert event.desk.standings().passings[-1].mark is Mark.NOT_COUNTED
     event.cross(1)
@@ -331,11 +335,7 @@ def test_officials_who_count_by_hand_have_no_clock_that_could_jump(event: Event)
 def test_a_clock_that_is_set_back_between_two_races_costs_the_first_passing_alone(
     event: Event,
 ) -> None:
-    event.start('', 1)
-    event.cross(1)
-    event.tell(What.OVER)
-    event.now += 60.0
-    event.start('', 1)
+    event.race_again(1)
     for _ in range(4):
         event.cross(1, after=20.0, ago=3600.0)
     assert event.desk.standings().karts[0].lap_times == pytest.approx((20.0, 20.0))
@@ -343,11 +343,7 @@ def test_a_clock_that_is_set_back_between_two_races_costs_the_first_passing_alon
 
 
 def test_passings_that_a_stall_held_back_until_after_green_never_count(event: Event) -> None:
-    event.start('', 1)
-    event.cross(1)
-    event.tell(What.OVER)
-    event.now += 60.0
-    event.start('', 1)
+    event.race_again(1)
     for ago in (30.0, 20.0, 10.0):
         event.cross(1, after=0.1, ago=ago)
     assert {each.mark for each in event.desk.standings().passings} == {Mark.NOT_COUNTED}

@@ -129,9 +129,9 @@ def main(arguments: Sequence[str]) -> int:
     for account in accounts:
         run = account.kept.run
         clock = Clock(account.began_ns)
+        # Runs of several days are several events.
+        overall = account.overall if wanted.all else of_day
         for race in account.races:
-            # Runs of several days are several events.
-            overall = account.overall if wanted.all else of_day
             rows += ((str(run.number), *row) for row in _rows(account, race, clock, overall))
             if race.taken_up:
                 say(
