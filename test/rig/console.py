@@ -243,7 +243,7 @@ def probe(window: Any, address: str) -> None:
         return {
             'visible': widget.isVisible(),
             'text': text,
-            'tip': widget.toolTip(),
+            'tip': widget.accessibleDescription(),
             'enabled': widget.isEnabled(),
             'button': isinstance(widget, QtWidgets.QPushButton),
             'focus': widget.hasFocus(),

@@ -316,6 +316,9 @@ SETTLED = 1.0
 seconds. Race control publishes a snapshot at least every 0.5 s."""
 
 
+EXPLAINED = AlertsArea, CommandButton, Text
+"""The parts of the window that the bottom line explains."""
+
 Holds = Callable[[Screen], bool]
 """Returns whether a screen agrees with a message."""
 
@@ -398,11 +401,12 @@ class BottomLine:
         self._pointed = widget
         self.show()
 
-    def leave(self, widget: object) -> None:
-        """Stop explaining a widget that the pointer or the focus has left."""
-        if self._pointed is widget:
-            self._pointed = None
-            self.show()
+    def move(self, left: object, reached: object) -> None:
+        """Explain the widget that the pointer or the focus has reached, if it can be explained."""
+        if isinstance(reached, EXPLAINED):
+            self.point_at(reached)
+        elif self._pointed is left:
+            self.point_at(None)
 
     def show(self) -> None:
         """Show the line, in smaller type if it is too long otherwise."""
@@ -422,26 +426,17 @@ class BottomLine:
         ]
         if stops:
             return Cell('  '.join(stops), Tone.BAD)
-        explanation = _explanation(self._pointed)
-        if explanation:
-            return Cell(explanation, Tone.WAIT)
+        pointed = self._pointed
+        if isinstance(pointed, EXPLAINED):
+            pointed = pointed.explanation
+        if pointed:
+            return Cell(str(pointed), Tone.WAIT)
         given = self._unanswered.oldest(now)
         if given is not None and not given.at + LATE < self._said_at > now - READ:
             age = clock.duration(now - given.at)
             name = texts.full_name(given)
             return Cell(f'{name}: no answer yet ({age})', Tone.WAIT)
         return self._message
-
-
-def _explanation(pointed: object) -> str:
-    """Return why a button's command is unavailable, or the full wording of truncated text."""
-    if isinstance(pointed, Text):
-        return pointed.text().replace('\n', ', ') if pointed.cut else ''
-    if isinstance(pointed, AlertsArea):
-        return pointed.explanation
-    if isinstance(pointed, CommandButton) and pointed.button is not None:
-        return pointed.button.explanation
-    return pointed if isinstance(pointed, str) else ''
 
 
 AGES = 1.0

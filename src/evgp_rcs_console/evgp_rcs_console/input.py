@@ -20,7 +20,7 @@ from evgp_rcs.words import time_of_day, Tone
 from evgp_rcs_console import keys, texts
 from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.commands import Given
-from evgp_rcs_console.display import Display
+from evgp_rcs_console.display import Display, EXPLAINED
 from evgp_rcs_console.freshness import Beat, InputClock, Repeats, STALE
 from evgp_rcs_console.karts import chooses
 from evgp_rcs_console.keys import Stroke
@@ -257,6 +257,7 @@ class Mouse:
         self._active_since: float | None = None
         self._brought_forward = False
         self._held: CommandButton | None = None
+        self._under: QtWidgets.QWidget | None = None
         self._areas = presses.display.areas
         self._bottom = presses.display.bottom
         self._presses = presses
@@ -281,12 +282,15 @@ class Mouse:
         """Handle a mouse event; return True if no widget may get this event."""
         age = self._late.age(event)
         kind = event.type()
-        double = kind == QtCore.QEvent.Type.MouseButtonDblClick
-        released = kind == QtCore.QEvent.Type.MouseButtonRelease
-        if not (double or released or kind == QtCore.QEvent.Type.MouseButtonPress):
-            return False
         point = event.globalPosition().toPoint()
         target = self._areas.childAt(self._areas.mapFromGlobal(point))
+        if kind == QtCore.QEvent.Type.MouseMove:
+            self._point_at(target)
+            return False
+        if event.button() != QtCore.Qt.MouseButton.LeftButton:
+            return True  # a right click could open a menu, which would take clicks from stops
+        double = kind == QtCore.QEvent.Type.MouseButtonDblClick
+        released = kind == QtCore.QEvent.Type.MouseButtonRelease
         held, self._held = self._held, None
         if released:
             if age >= STALE:
@@ -316,6 +320,14 @@ class Mouse:
             return button is not None
         self._held = button if isinstance(button, CommandButton) else None
         return False
+
+    def _point_at(self, widget: QtWidgets.QWidget | None) -> None:
+        """Have the bottom line explain the widget that the pointer has reached."""
+        before, self._under = self._under, widget
+        while widget is not None and not isinstance(widget, EXPLAINED):
+            widget = widget.parentWidget()
+        if before is not self._under:
+            self._bottom.move(before, widget)
 
     def _let_go(self, age: float) -> None:
         """Cancel the press of a button that was pressed in time but released too late."""

@@ -15,7 +15,7 @@ from contextlib import AbstractContextManager
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.style import FILLS, GAP, LARGE, look, RADIUS, SMALL, TEXT
-from evgp_rcs_console.view import Column, COLUMNS, KART_COMMANDS, MOST_BARS, Row, Screen
+from evgp_rcs_console.view import COLUMNS, KART_COMMANDS, MOST_BARS, Row, Screen
 from evgp_rcs_console.widgets import (
     CENTER,
     CommandButton,
@@ -273,9 +273,10 @@ class KartTable(QtWidgets.QTableWidget):
             self.scrollTo(self.model().index(place, 0))
 
 
-def _looks(column: Column, row: Row) -> object:
-    """Return everything that decides how a kart's cell looks, apart from what all cells share."""
-    return column.cell(row), column.below(row), row.in_race, row.use_msr, row.waits, row.bars
+def _looks(row: Row) -> list[tuple[object, ...]]:
+    """Return everything that decides how each cell looks, apart from what all cells share."""
+    both = row.in_race, row.use_msr, row.waits, row.bars
+    return [(column.cell(row), column.below(row), *both) for column in COLUMNS]
 
 
 def _tiles(rows: tuple[Row, ...], stale: bool) -> object:
@@ -301,6 +302,7 @@ class KartList(Panel):
     def __init__(self, pressed: Pressed, scrolling: Scrolling) -> None:
         super().__init__()
         self._pressed = pressed
+        self._looks: list[list[tuple[object, ...]]] = []
         self.table = KartTable(scrolling)
         self._delegate = KartDelegate(self.table)
         self._tiles = Tiles(self.table)
@@ -348,15 +350,16 @@ class KartList(Panel):
         before, stale = table.rows, table.stale
         table.rows, table.stale = rows, screen.stale
         table.setRowCount(len(rows))
+        looks, self._looks = self._looks, [_looks(row) for row in rows]
         for place, row in enumerate(rows):
-            was = before[place] if place < len(before) else None
+            was = looks[place] if place < len(looks) else [None] * len(COLUMNS)
             for number, column in enumerate(COLUMNS):
-                if was is None or _looks(column, was) != _looks(column, row):
+                if was[number] != self._looks[place][number]:
                     said = column.cell(row).text, column.below(row).text
                     item = QtWidgets.QTableWidgetItem('\n'.join(filter(None, said)))
                     table.setItem(place, number, item)
             for number, command in enumerate(row.buttons, len(COLUMNS)):
-                if was is None:
+                if table.cellWidget(place, number) is None:
                     table.setCellWidget(place, number, CommandButton(self._pressed))
                 table.cellWidget(place, number).show_button(command)
         if stale != screen.stale:

@@ -198,6 +198,11 @@ class Text(QtWidgets.QLabel):
         self._shown: tuple[Cell, bool] | None = None
 
     @property
+    def explanation(self) -> str:
+        """Return the whole text if it is visible but cut off; otherwise an empty text."""
+        return self.text().replace('\n', ', ') if self.isVisible() and self.cut else ''
+
+    @property
     def cut(self) -> bool:
         text, room = self.text(), self.contentsRect()
         return bool(text) and not fits(text, room, self.font(), self.wordWrap())
@@ -299,6 +304,10 @@ class CommandButton(Push):
         self.pressed.connect(self._go_down)
         self.clicked.connect(self._let_go)
 
+    @property
+    def explanation(self) -> str:
+        return self.button.explanation if self.button is not None else ''
+
     def show_button(self, button: Button) -> None:
         """Show a command, and whether that command is possible."""
         before, self.button = self.button, button  # an equal one asks about an older race
@@ -309,7 +318,6 @@ class CommandButton(Push):
         label = CATALOGUE[button.command].short or button.label
         key = button.key if self._labels or button.enabled else ''
         self.show_words(label if button.kart else button.label, key, button.phrase)
-        self.setToolTip(button.explanation)
         self.setAccessibleDescription(button.explanation)
         # Recording the use of the MSR must not look like a stop to reach for.
         is_stop = button.is_stop and button.command is not CommandKind.RECORD_MSR

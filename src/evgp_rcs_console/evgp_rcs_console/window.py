@@ -13,13 +13,11 @@ from __future__ import annotations
 from evgp_protocol import clock
 from evgp_rcs.words import Tone
 from evgp_rcs_console import texts
-from evgp_rcs_console.alerts import AlertsArea
 from evgp_rcs_console.display import Areas, Display, Inbox
 from evgp_rcs_console.input import CommandInput, Give, Keyboard, LateInput, Mouse
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import is_night, Signature
 from evgp_rcs_console.style import DAY, look, NIGHT
-from evgp_rcs_console.widgets import CommandButton, Text
 
 LOOK = 100
 """Time between two updates of everything that changes with time, in milliseconds."""
@@ -64,9 +62,11 @@ class ConsoleWindow(Areas):
         self._timer = QtCore.QTimer(self)
         self._timer.timeout.connect(self.look)
         self._timer.start(LOOK)
+        self.winId()  # makes the native window, which gets every key and click first
+        self.windowHandle().installEventFilter(self)
         application = QtWidgets.QApplication.instance()
-        assert application is not None
-        application.installEventFilter(self)
+        assert isinstance(application, QtWidgets.QApplication)
+        application.focusChanged.connect(bottom.move)
         self.foot.show_name(signature.name)
         self.fit()
         self.setFocus()
@@ -88,24 +88,15 @@ class ConsoleWindow(Areas):
     def eventFilter(  # noqa: N802 - Qt's name
         self, watched: QtCore.QObject, event: QtCore.QEvent
     ) -> bool:
-        """Handle keys and clicks before any widget gets them and explain what is pointed at."""
+        """Handle keys and the mouse before any widget gets them."""
         kind = event.type()
-        # Nothing may ever take a click or a key from a stop. A context menu or a tooltip would do
-        # so, so neither opens; the bottom line shows the text of the tooltip instead.
-        if kind in (QtCore.QEvent.Type.ContextMenu, QtCore.QEvent.Type.ToolTip):
-            return True
-        if isinstance(watched, QtGui.QWindow):
-            if kind == QtCore.QEvent.Type.KeyPress:
-                assert isinstance(event, QtGui.QKeyEvent)
-                return self._keyboard.take(event)
-            if isinstance(event, QtGui.QMouseEvent):
-                return self._mouse.take(event)
-        if isinstance(watched, (AlertsArea, CommandButton, Text)):
-            if kind in (QtCore.QEvent.Type.Enter, QtCore.QEvent.Type.FocusIn):
-                self.display.bottom.point_at(watched)
-            elif kind in (QtCore.QEvent.Type.Leave, QtCore.QEvent.Type.FocusOut):
-                self.display.bottom.leave(watched)
-        return False
+        if kind == QtCore.QEvent.Type.KeyPress:
+            assert isinstance(event, QtGui.QKeyEvent)
+            return self._keyboard.take(event)
+        if isinstance(event, QtGui.QMouseEvent):
+            return self._mouse.take(event)
+        # An open menu would take clicks and keys, even those of stops.
+        return bool(kind == QtCore.QEvent.Type.ContextMenu)
 
     def closeEvent(self, event: QtGui.QCloseEvent) -> None:  # noqa: N802 - Qt's name
         self._timer.stop()

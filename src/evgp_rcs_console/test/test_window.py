@@ -207,7 +207,7 @@ class Console:
     def close(self) -> None:
         self.window.close()
         self.window.deleteLater()
-        self.application.removeEventFilter(self.window)
+        self.application.focusChanged.disconnect(self.window.display.bottom.move)
         self.settle()
 
 
@@ -998,10 +998,9 @@ def test_an_alert_that_is_too_long_for_its_room_ends_with_dots_and_is_read_below
 
     assert not console.window.alerts.cut
     assert '…' in console.find('alert_texts').text()
-    QtTest.QTest.mouseMove(console.find('number_field'))
-    console.settle()
-    QtTest.QTest.mouseMove(console.find('alert_texts'))
-    console.settle()
+    for name in ('number_field', 'alert_texts'):
+        QtTest.QTest.mouseMove(console.window.windowHandle(), console.place(name))
+        console.settle()
     assert 4 * WHY in console.text('status')
 
 

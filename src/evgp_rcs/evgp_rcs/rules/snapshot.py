@@ -159,8 +159,8 @@ class Snapshot(NamedTuple):
 
 
 def _offered(commands: Iterable[Availability], command: CommandKind) -> Availability:
-    not_offered = Availability(command, False)
-    return next((each for each in commands if each.command is command), not_offered)
+    found = next((each for each in commands if each.command is command), None)
+    return found or Availability(command, False)
 
 
 NOTHING = Snapshot(
