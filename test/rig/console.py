@@ -176,7 +176,8 @@ class Console(Program):
         return self.wait_for(name, **wanted)
 
     def _is_spoilt(self) -> bool:
-        problem = self._ask(do='wait', name='question_problem', wanted={'text': '.'}, seconds=0.0)
+        wanted = {'text': 'Press NO and start again'}
+        problem = self._ask(do='wait', name='question_warning', wanted=wanted, seconds=0.0)
         return bool(problem['found'])
 
     def ask(self, *names: str, **wanted: object) -> None:

@@ -323,6 +323,14 @@ Holds = Callable[[Screen], bool]
 """Returns whether a screen agrees with a message."""
 
 
+def _barred(command: Kind, kart: int, by_letter: bool = False) -> Holds:
+    def holds(screen: Screen) -> bool:
+        button = screen.letter(kart) if by_letter else screen.button(command, kart)
+        return button is None or button.is_stop or not button.enabled
+
+    return holds
+
+
 class BottomLine:
     """
     The line at the bottom of the window.
@@ -360,31 +368,18 @@ class BottomLine:
         else:
             text = f'{texts.REFUSED}{answer.message}'
             # The command may still look possible, so the official gets time to read the reason.
-            self._refuse(text, Tone.BAD, given.command, given.kart, least=READ)
+            ends = clock.now() + READ
+            holds = _barred(given.command, given.kart)
+            self.say(text, Tone.BAD, lambda screen: clock.now() < ends or holds(screen))
 
     def say_barred(self, button: Button) -> None:
         """Show why a command is not possible, until it is possible."""
         by_letter = bool(button.kart and button.key)
-        self._refuse(button.explanation, Tone.WAIT, button.command, button.kart, by_letter)
+        holds = _barred(button.command, button.kart, by_letter)
+        self.say(button.explanation, Tone.WAIT, holds)
 
-    def _refuse(
-        self,
-        text: str,
-        tone: Tone,
-        command: Kind,
-        kart: int,
-        by_letter: bool = False,
-        least: float = 0.0,
-    ) -> None:
-        """Show why a command is unavailable for `least` seconds, or longer while it still is."""
-        ends = clock.now() + least
-
-        def holds(screen: Screen) -> bool:
-            button = screen.letter(kart) if by_letter else screen.button(command, kart)
-            barred = button is None or button.is_stop or not button.enabled
-            return barred or clock.now() < ends
-
-        self.say(text, tone, holds)
+    def say_unsent(self, name: str, why: str) -> None:
+        self.say(f'{name} WAS NOT SENT: {why}', Tone.BAD)
 
     def take_screen(self, screen: Screen, heard_at: float) -> None:
         """

@@ -116,20 +116,6 @@ class Beat:
             self._until = now + SETTLE
 
 
-class Repeats:
-    """Detects that a key is pressed twice in a row, as in a double click."""
-
-    def __init__(self) -> None:
-        self._name = ''
-        self._at = 0.0
-
-    def same_press(self, name: str, at: float) -> bool:
-        """Record a press of a key at a time (s); return whether it repeats the last press."""
-        same = name == self._name and at - self._at < AGAIN
-        self._name, self._at = name, at
-        return same
-
-
 class Aim(Generic[T]):
     """Remembers what the official saw before the screen changed."""
 

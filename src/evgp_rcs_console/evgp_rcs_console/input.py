@@ -21,7 +21,7 @@ from evgp_rcs_console import keys, texts
 from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.commands import Given
 from evgp_rcs_console.display import Display, EXPLAINED
-from evgp_rcs_console.freshness import Beat, InputClock, Repeats, STALE
+from evgp_rcs_console.freshness import AGAIN, Beat, InputClock, STALE
 from evgp_rcs_console.karts import chooses
 from evgp_rcs_console.keys import Stroke
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
@@ -90,9 +90,8 @@ class CommandInput(QtCore.QObject):
         if not down.is_same_command(button):
             self.refuse_changed(down)
         elif (done := self._just_done(down)) is not None:
-            name = texts.command_name(button.command, button.kart)
-            said = texts.JUST_DONE.format(name=name, done=texts.full_name(done))
-            self._bottom.say(said, Tone.WAIT)
+            why = f'the click before it sent {texts.full_name(done)}. Click again.'
+            self._bottom.say_unsent(texts.command_name(button.command, button.kart), why)
         else:
             self.press(button)
 
@@ -162,7 +161,8 @@ class CommandInput(QtCore.QObject):
     def refuse_changed(self, button: Button) -> None:
         """Show that a command was not sent, because the buttons had just changed."""
         name = texts.command_name(button.command, button.kart)
-        self._bottom.say(texts.ROWS_CHANGED.format(name=name), Tone.BAD)
+        why = 'the list of karts just changed. Check it, then press again.'
+        self._bottom.say_unsent(name, why)
         self._chosen.clear()
 
     def toggle_help(self) -> None:
@@ -179,7 +179,8 @@ class CommandInput(QtCore.QObject):
     def toggle_events(self) -> None:
         """Switch between the events of the chosen kart and the events of all karts."""
         if not self._areas.events.toggle(self._chosen.kart):
-            self._bottom.say(texts.WHOSE_EVENTS, Tone.WAIT)
+            how = "To see only one kart's events, first type its number or click its row."
+            self._bottom.say(how, Tone.WAIT)
 
     def _send(self, button: Button, also: bool = False) -> None:
         claim = self._signature.claim
@@ -235,7 +236,8 @@ class LateInput:
         self._dropped = [*self._dropped[-4:], name]
         names = ', '.join(self._dropped)
         pressed = time_of_day(time.time() - age)
-        self._bottom.say(texts.TOO_OLD.format(name=names, clock=pressed), Tone.BAD)
+        why = f'pressed at {pressed} while the window was not responding. Press again.'
+        self._bottom.say_unsent(names, why)
         return True
 
     def in_time(self) -> None:
@@ -296,7 +298,8 @@ class Mouse:
             if age >= STALE:
                 self._let_go(age)
             elif held is not None and held is not target:
-                self._bottom.say(texts.SLIPPED.format(name=_called(held)), Tone.WAIT)
+                why = 'the pointer had left the button. Click again.'
+                self._bottom.say_unsent(_called(held), why)
             return False
         shown = self._areas.seen.seen(clock.now() - age)
         if shown is not None and self._presses.missed(target, shown.at(point)):
@@ -308,8 +311,8 @@ class Mouse:
             return button is None or self._late.drop(_called(button), age)
         self._late.in_time()
         if self._only_brings_forward() and button is not None:
-            said = texts.BROUGHT_FORWARD.format(name=_called(button))
-            self._bottom.say(said, Tone.WAIT)
+            why = 'the click only brought this window forward. Click again.'
+            self._bottom.say_unsent(_called(button), why)
             return True
         question = self._areas.question
         if target in (question.yes, question.also) and not question.settled:
@@ -352,7 +355,7 @@ class Keyboard:
         self._late = late
         self._chosen = presses.display.chosen
         self._bottom = presses.display.bottom
-        self._repeats = Repeats()
+        self._last: tuple[str, float] = '', 0.0  # the last key that means something, and when
         self._acts: dict[str, Callable[[float], object]] = {
             'F1': lambda _: presses.toggle_help(),
             'F8': lambda _: self._areas.toggle_night(),
@@ -382,8 +385,11 @@ class Keyboard:
             return self._late.drop(name, age) if named and not repeated else True
         self._late.in_time()
         at = clock.now() - age
-        means = stroke is not None or name in ANSWER_KEYS
-        twice = means and not repeated and self._repeats.same_press(name, at)
+        twice = False  # whether a double click presses the same key again
+        if (stroke is not None or name in ANSWER_KEYS) and not repeated:
+            last, pressed_at = self._last
+            self._last = name, at
+            twice = name == last and at - pressed_at < AGAIN
         # A kart that crosses the line does not wait for an answer.
         if asking and (stroke is None or stroke.finish is None):
             return repeated or self._answer(name, stroke, at)
@@ -434,7 +440,8 @@ class Keyboard:
             self._presses.answer(False)
         elif name == 'Y' or by_enter is question.yes or also:
             if at < question.shown_at:
-                self._bottom.say(texts.TOO_EARLY.format(name=name), Tone.BAD)
+                why = 'it was pressed before the question appeared. Read it, then answer.'
+                self._bottom.say_unsent(name, why)
             elif question.yes.isEnabled():
                 self._presses.answer(True, also)
             else:
@@ -451,7 +458,8 @@ class Keyboard:
         elif stroke is not None:
             self._chosen.clear()
             can_answer = question.yes.isEnabled()
-            self._bottom.say(texts.ANSWER_FIRST if can_answer else texts.ANSWER_NO, Tone.WAIT)
+            first = 'Answer the question first: Y or N'
+            self._bottom.say(first if can_answer else texts.ANSWER_NO, Tone.WAIT)
         return True
 
     def _press(self, stroke: Stroke, at: float) -> None:
@@ -463,13 +471,12 @@ class Keyboard:
             kart = _kart_at(screen, stroke.finish)
             if not kart:
                 self._chosen.clear()
-                name = FINISH_KEYS[stroke.finish]
-                self._bottom.say(texts.NO_KART_OF_LETTER.format(name=name), Tone.BAD)
+                self._bottom.say_unsent(FINISH_KEYS[stroke.finish], 'no kart has this letter.')
                 return
         elif stroke.to_chosen:
-            kart, why = self._chosen.take(CATALOGUE[stroke.commands[0]].label, at)
+            kart, why = self._chosen.take(at)
             if not kart:
-                self._bottom.say(why, Tone.BAD)
+                self._bottom.say_unsent(CATALOGUE[stroke.commands[0]].label, why)
                 if stroke.stop:
                     self._areas.alerts.alarm.sound()
                 return

@@ -150,10 +150,9 @@ class KartField:
     def __init__(self) -> None:
         self._teams: Mapping[int, str] = {}
         self.digits = ''
-        self._typed_at = 0.0
+        self._since = 0.0
         self._chosen = 0
         self._refusal = ''
-        self._refused_at = 0.0
 
     def show_roster(self, teams: Mapping[int, str]) -> None:
         self._teams = teams
@@ -173,7 +172,7 @@ class KartField:
         self.expire(at)
         # Surplus digits are ignored; otherwise the field would show only the end of a number.
         self.digits += digit if len(self.digits) < MOST_DIGITS else ''
-        self._typed_at = at
+        self._since = at
         self._chosen = 0
         self._refusal = ''
         self.changed()
@@ -181,7 +180,7 @@ class KartField:
     def erase(self, at: float) -> None:
         self.expire(at)
         self.digits = self.digits[:-1]
-        self._typed_at = at
+        self._since = at
         self._refusal = ''
         self.changed()
 
@@ -196,20 +195,15 @@ class KartField:
         self.changed()
 
     def expire(self, now: float) -> None:
-        """Clear the digits, the refusal, or both, if they are too old at a time (s)."""
-        before = self.digits, self._refusal
-        if now - self._typed_at >= FORGOTTEN:
-            self.digits = ''
-        if now - self._refused_at >= FORGOTTEN:
-            self._refusal = ''
-        if (self.digits, self._refusal) != before:
-            self.changed()
+        """Clear the digits or the refusal if they are too old at a time (s)."""
+        if (self.digits or self._refusal) and now - self._since >= FORGOTTEN:
+            self.clear()
 
-    def take(self, command: str, at: float) -> tuple[int, str]:
+    def take(self, at: float) -> tuple[int, str]:
         """
-        Return the kart that a command acts on, with an empty message, and clear the digits.
+        Return the kart that a command acts on, with an empty text, and clear the digits.
 
-        If there is no such kart, return 0 and the message for the official.
+        If there is no such kart, return 0 and the reason.
 
         :param at: when the key of the command was pressed, in seconds.
         """
@@ -220,13 +214,13 @@ class KartField:
             self.clear()
             return kart, ''
         if self.digits:
-            why = f'{command} WAS NOT SENT: there is no kart {self.digits}. Type another number.'
+            why = f'there is no kart {self.digits}. Type another number.'
         elif before:
-            why = f'{command} WAS NOT SENT: {before} was typed too long ago. Type it again.'
+            why = f'{before} was typed too long ago. Type it again.'
         else:
-            why = f'{command} WAS NOT SENT: no kart is chosen. Type a number first.'
+            why = 'no kart is chosen. Type a number first.'
         self._refusal = texts.FIELD_NO_KART.format(number=self.digits or before or '?')
-        self._refused_at = at
+        self._since = at
         self.digits = ''
         self.changed()
         return 0, why

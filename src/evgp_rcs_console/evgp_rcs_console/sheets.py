@@ -22,7 +22,6 @@ from evgp_rcs_console.freshness import SEEN
 from evgp_rcs_console.keys import key_help
 from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
 from evgp_rcs_console.questions import also, Asked
-from evgp_rcs_console.style import look
 from evgp_rcs_console.view import Button, Screen
 from evgp_rcs_console.widgets import (
     CommandButton,
@@ -96,19 +95,14 @@ class Question(Sheet):
         super().__init__(parent, 'question')
         self.button: Button | None = None
         self.shown_at = 0.0
-        self._spoilt_at = ''
-        self._problem_text = ''
-        self._settling = QtCore.QTimer(self)
-        self._settling.setSingleShot(True)
-        self._settling.timeout.connect(self._show_problem)
-        self._consequence = Text('question_consequence', '', TOP, wrap=True, flows=True)
-        self._warning = Text('question_warning', 'bold', wrap=True, fills=True, flows=True)
-        self._caution = Text('question_caution', 'bold', wrap=True, fills=True, flows=True)
-        self._statement = Text('question_statement', 'bold', TOP, wrap=True, flows=True)
-        self._texts = (self._consequence, self._warning, self._caution, self._statement)
-        # A problem lies over these texts instead of beside them, so that YES and NO never move.
-        self._problem = Text('question_problem', 'bold', wrap=True, fills=True)
-        self._problem.setParent(self)
+        self._settling = QtCore.QTimer(self, singleShot=True)
+        self._settling.timeout.connect(self._bar_yes)
+        self._texts = (
+            Text('question_consequence', '', TOP, wrap=True, flows=True),
+            Text('question_warning', 'bold', wrap=True, fills=True, flows=True),
+            Text('question_caution', 'bold', wrap=True, fills=True, flows=True),
+            Text('question_statement', 'bold', TOP, wrap=True, flows=True),
+        )
         self.yes, self.no = Push('yes', tall=True), Push('no', 'NO', 'N')
         self.also = Push('yes_and_more', tall=True)
         self.no.clicked.connect(lambda: self.answered.emit(False, False))
@@ -116,40 +110,38 @@ class Question(Sheet):
         self.also.clicked.connect(lambda: self.answered.emit(True, True))
         for text in self._texts:
             self.add(text)
-        self._answers = QtWidgets.QWidget()
-        lay(self._answers, (self.no, self.also, self.yes), gap=10, columns=(1, 1, 1))
-        self.add(self._answers, 60)
+        answers = QtWidgets.QWidget()
+        lay(answers, (self.no, self.also, self.yes), gap=10, columns=(1, 1, 1))
+        self.add(answers, 60)
 
     def lay_out(self, room: QtCore.QRect) -> None:
-        """Place the question at the bottom of a room, so that the first karts stay in sight."""
+        """
+        Place the question at the bottom of a room, so that the first karts stay in sight.
+
+        YES and NO are at its bottom, so they do not move when its height changes.
+        """
         super().lay_out(room)
         self.move(room.left(), room.bottom() + 1 - self.height())
-        self._column.activate()
-        top, bottom = self.title.geometry().bottom(), self._answers.y()
-        there = self._column.contentsRect()
-        high = max(bottom - top - look.px(10), look.px(46))
-        self._problem.setGeometry(there.left(), top, there.width(), min(high, look.px(90)))
 
     def ask(self, button: Button) -> None:
         """Fill the question with a command, without showing the sheet."""
         self.button = button
         self.shown_at = clock.now()
-        self._spoilt_at = self._problem_text = ''
         for yes in (self.yes, self.also):
             yes.setDown(False)  # the button may still be held down from an earlier question
+            yes.setEnabled(True)
         # At first, YES ignores clicks: one may be the second click of a double click.
         self._settling.start(round(SEEN * 1000))
         command = texts.command_name(button.command, button.kart)
         self.title.show_text(f'{command}?')
         condition = button.question().condition
-        self._statement.show_text(texts.ASK_STATE.format(condition=condition))
-        self._show_texts(button.question())
+        self._ask(button.question())
         self.yes.show_words('YES', 'Y', condition[:1].upper() + condition[1:])
         self.also.setVisible(bool(button.also))
         if button.also:
             key = CATALOGUE[button.also[0].command].key
             self.also.show_words('YES, and also', key, also(button.also))
-        self.update_button(button)
+        self._bar_yes()
 
     def show_screen(self, screen: Screen) -> None:
         """Compare an open question with the command that a screen offers now."""
@@ -160,51 +152,50 @@ class Question(Sheet):
         """
         Compare the question with the command that race control offers now.
 
-        Once the two differ, YES stays disabled, even if the difference goes away. A question about
-        a stop is brought up to date instead.
+        Once the two differ, the question shows only that, and YES stays disabled, even if the
+        difference goes away. A question about a stop is brought up to date instead.
 
         :param button: the command now; None if race control no longer offers this command.
         """
         assert self.button is not None
         if CATALOGUE[self.button.command].stop:
             if button is not None:
-                self._show_texts(button.question())
-        elif button is None or button.reason or not button.asks_the_same(self.button):
-            self._spoilt_at = self._spoilt_at or time_of_day(time.time())
+                self._ask(button.question())
+        elif self.yes.isEnabled() and (
+            button is None or button.reason or not button.asks_the_same(self.button)
+        ):
             if button is None:
-                what = texts.ASK_GONE
+                what = 'The command is no longer offered.'
             elif button.reason:
                 what = f'{button.reason[:1].upper()}{button.reason[1:]}.'
             else:
                 what = button.question().differs_from(self.button.question())
-            self._problem_text = f'Changed at {self._spoilt_at}: {what} Press NO and start again.'
-        self._show_problem()
+            at = time_of_day(time.time())
+            self._show('', f'Changed at {at}: {what} Press NO and start again.')
+            for yes in (self.yes, self.also):
+                yes.setEnabled(False)
+            self.window().place_sheets()
+        self._bar_yes()
 
-    def _show_texts(self, asked: Asked) -> None:
-        self._consequence.show_text('\n'.join(asked.consequences))
-        warning = texts.ASK_WARNING.format(warning=asked.warning) if asked.warning else ''
-        self._warning.show_cell(Cell(warning, Tone.BAD))
-        self._caution.show_cell(Cell(asked.caution, Tone.WAIT))
-        for text in self._texts:  # a text keeps its room while a problem hides the text
-            policy = text.sizePolicy()
-            policy.setRetainSizeWhenHidden(bool(text.text()))
-            text.setSizePolicy(policy)
+    def _ask(self, asked: Asked) -> None:
+        warning = asked.warning and texts.ASK_WARNING.format(warning=asked.warning)
+        statement = texts.ASK_STATE.format(condition=asked.condition)
+        self._show('\n'.join(asked.consequences), warning, asked.caution, statement)
+
+    def _show(self, *said: str) -> None:
+        tones = Tone.PLAIN, Tone.BAD, Tone.WAIT, Tone.PLAIN
+        for text, tone, each in itertools.zip_longest(self._texts, tones, said, fillvalue=''):
+            text.show_cell(Cell(each, tone))
+            text.setVisible(bool(each))
 
     @property
     def settled(self) -> bool:
         """Return whether the question has been open for so long that a click on YES counts."""
         return not self._settling.isActive()
 
-    def _show_problem(self) -> None:
-        problem = self._problem_text
-        for text in self._texts:  # the texts are no longer true if there is a problem
-            text.setVisible(bool(text.text()) and not problem)
-        self._problem.show_cell(Cell(problem, Tone.BAD))
-        self._problem.setVisible(bool(problem))
-        self._problem.raise_()
+    def _bar_yes(self) -> None:
         for yes in (self.yes, self.also):
-            yes.setEnabled(not problem)
-            yes.bar(bool(problem) or not self.settled)
+            yes.bar(not yes.isEnabled() or not self.settled)
 
 
 class Choice(Sheet):

@@ -102,7 +102,6 @@ ALERT_WAS = {
 
 ALERTS_CHANGED = 'The alerts have just changed. Check them, then press SEEN again.'
 
-WHOSE_EVENTS = "To see only one kart's events, first type its number or click its row."
 LOG_ACKNOWLEDGED = ' acknowledged {state}'
 NEW_RUN = '— race control was restarted —'
 REFUSED = '✗ '
@@ -135,28 +134,17 @@ DROPPED = (
 )
 KEYS_OFF_LARGE = 'KEYS OFF'
 KEYS_OFF_DETAIL = 'ALL KILL works only with the mouse. Click this window.'
-SLIPPED = '{name} was not sent: the pointer had left the button. Click again.'
-BROUGHT_FORWARD = '{name} was not sent: the click only brought this window forward. Click again.'
 
 NOT_ALLOWED = (
     'ROS does not allow this program to command race control. With SROS2, use the enclave '
     '/officials; the enclave /watchers allows only rcs_ctl watch. ({error})'
 )
-TOO_OLD = (
-    '{name}: pressed at {clock} while the window was not responding. Nothing was sent. '
-    'Press it again.'
-)
-NO_KART_OF_LETTER = '{name}: no kart has this letter. Nothing was sent.'
-TOO_EARLY = '{name}: pressed before the question appeared. Read it, then answer.'
-JUST_DONE = '{name} WAS NOT SENT: the click before it sent {done}. Click again.'
-ANSWER_FIRST = 'Answer the question first: Y or N'
 ANSWER_NO = 'Nothing was sent: the question has changed. Press N and start again.'
 
 ASK_STATE = 'I state: {condition}.'
 ASK_AND_OPEN = 'Teams may go onto the track'
 ASK_AND_FIRST = f'{ASK_AND_OPEN}: {NO_RACE_ANYWHERE}'
 ASK_WARNING = 'Warning: {warning}.'
-ASK_GONE = 'The command is no longer offered.'
 
 HEATS_CONSEQUENCE = (
     "Adds the heat's karts to the race and removes all others. "
@@ -175,7 +163,6 @@ RACES = 'Races: number, time the grid formed, heat, classified karts'
 
 FIELD_KART = 'KART {number}'
 FIELD_NO_KART = 'NO KART {number}'
-ROWS_CHANGED = '{name} WAS NOT SENT: the list of karts just changed. Check it, then press again.'
 
 NAME_ABOUT = (
     'Your name is sent with every command from this window and written to the record. If it is '

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from evgp_rcs_console.freshness import AGAIN, AIM, Aim, Beat, InputClock, Repeats, SETTLE, STALE
+from evgp_rcs_console.freshness import AIM, Aim, Beat, InputClock, SETTLE, STALE
 import pytest
 
 WRAP = 1 << 32
@@ -123,16 +123,6 @@ def test_a_queue_that_takes_long_is_waited_for() -> None:
     beat.beat(late + 1.0)  # held up once more, by what was in the queue
 
     assert beat.held_up(late + 1.1) > STALE
-
-
-def test_the_same_key_at_once_is_the_same_press() -> None:
-    repeats = Repeats()
-
-    pressed = [repeats.same_press('F5', 0.0), repeats.same_press('F5', 0.2)]
-    later = repeats.same_press('F5', 0.2 + AGAIN)
-    other = repeats.same_press('A', 0.7)
-
-    assert (pressed, later, other) == ([False, True], False, False)
 
 
 def test_a_press_is_meant_for_what_stood_there_when_the_official_aimed() -> None:
