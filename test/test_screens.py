@@ -26,7 +26,7 @@ from evgp_rcs.rules.inputs import Recovered
 from evgp_rcs.rules.race import LastRun
 from evgp_rcs.rules.snapshot import Snapshot, snapshot_of
 from evgp_rcs.words import STATUS
-from evgp_rcs_console import results
+from evgp_rcs_console import results, texts
 from evgp_rcs_console.view import show, table
 from evgp_rcs_msgs import msg
 from evgp_timing.desk import Desk, Roster
@@ -147,7 +147,7 @@ def test_window_terminal_and_board_say_of_a_race_what_its_messages_say() -> None
         assert page['tone'] == screen.state.tone.value
         assert message.heat == race.heat
         if message.heat:
-            assert screen.heat.startswith(message.heat)
+            assert texts.heat_in_race(screen.snapshot).startswith(message.heat)
             assert page['title'].startswith(message.heat)
             (label,) = (each.label for each in screen.heats if 'in the race' in each.label)
             assert label.startswith(message.heat)

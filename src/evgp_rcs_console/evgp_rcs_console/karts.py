@@ -9,8 +9,7 @@ If the rows do not all fit, a line of tiles above them keeps all karts in sight.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Sequence
 
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
@@ -25,12 +24,8 @@ from evgp_rcs_console.widgets import (
     lay,
     LEFT,
     Panel,
-    Pressed,
     RIGHT,
 )
-
-Scrolling = Callable[[QtWidgets.QScrollBar], AbstractContextManager[None]]
-"""Returns a context in which the window itself moves a scroll bar, which is the argument."""
 
 COMMAND, BESIDE = 72, 10
 """Width of a command's column, and the margin in the other columns, in pixels."""
@@ -229,17 +224,15 @@ class KartTable(QtWidgets.QTableWidget):
     """
     Shows the rows of the karts.
 
-    :param scrolling: returns the context in which the window itself scrolls the rows.
     :ivar chosen: the number of the kart that commands by key act on; 0 for no kart.
     :ivar stale: whether the rows are out of date.
     """
 
-    def __init__(self, scrolling: Scrolling) -> None:
+    def __init__(self) -> None:
         super().__init__(0, len(COLUMNS) + len(KART_COMMANDS))
         self.rows: tuple[Row, ...] = ()
         self.chosen = 0
         self.stale = False
-        self._scrolling = scrolling
         self.setObjectName('karts')
         self.setShowGrid(False)
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.NoFocus)
@@ -269,7 +262,7 @@ class KartTable(QtWidgets.QTableWidget):
         return moved
 
     def bring_into_view(self, place: int) -> None:
-        with self._scrolling(self.verticalScrollBar()):
+        with self.window().seen.scrolling(self.verticalScrollBar()):
             self.scrollTo(self.model().index(place, 0))
 
 
@@ -277,11 +270,6 @@ def _looks(row: Row) -> list[tuple[object, ...]]:
     """Return everything that decides how each cell looks, apart from what all cells share."""
     both = row.in_race, row.use_msr, row.waits, row.bars
     return [(column.cell(row), column.below(row), *both) for column in COLUMNS]
-
-
-def _tiles(rows: tuple[Row, ...], stale: bool) -> object:
-    """Return what the tiles show of the rows."""
-    return stale, [(row.number, row.link.tone, row.sent, row.answer.tone) for row in rows]
 
 
 class KartList(Panel):
@@ -299,11 +287,10 @@ class KartList(Panel):
     """Emitted when the pointer enters a row. Carries the row's full text if any of the text is
     cut off; otherwise an empty text."""
 
-    def __init__(self, pressed: Pressed, scrolling: Scrolling) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._pressed = pressed
         self._looks: list[list[tuple[object, ...]]] = []
-        self.table = KartTable(scrolling)
+        self.table = KartTable()
         self._delegate = KartDelegate(self.table)
         self._tiles = Tiles(self.table)
         self._tiles.chosen.connect(self.wanted)
@@ -360,12 +347,11 @@ class KartList(Panel):
                     table.setItem(place, number, item)
             for number, command in enumerate(row.buttons, len(COLUMNS)):
                 if table.cellWidget(place, number) is None:
-                    table.setCellWidget(place, number, CommandButton(self._pressed))
+                    table.setCellWidget(place, number, CommandButton())
                 table.cellWidget(place, number).show_button(command)
         if stale != screen.stale:
             table.viewport().update()
-        if _tiles(before, stale) != _tiles(rows, screen.stale):
-            self._tiles.update()
+        self._tiles.update()
         if len(before) != len(rows):
             self.fit()
 

@@ -9,7 +9,7 @@ import time
 
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import StampedEvent
-from evgp_rcs.words import Cell, Tone
+from evgp_rcs.words import Cell, tally, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.notices import EventLog, OfficialNames
@@ -26,7 +26,6 @@ from evgp_rcs_console.widgets import (
     mark,
     Panel,
     Policy,
-    Pressed,
     Push,
     RIGHT,
     Text,
@@ -62,13 +61,13 @@ class StatePanel(Panel):
 class TrackPanel(Panel):
     """Shows whether humans may be on the track, and the button that opens or closes the track."""
 
-    def __init__(self, pressed: Pressed) -> None:
+    def __init__(self) -> None:
         super().__init__('track_panel')
         self._edge = Panel('', '')
         fixed(self._edge, 8)
         self._humans = Text('humans', 'large bold', BOTTOM)
         self._reason = Text('humans_reason', '', TOP, wrap=True)
-        self.button = CommandButton(pressed, tall=True)
+        self.button = CommandButton(tall=True)
         fixed(self.button, 138)
         fixed(self._humans, height=30)
         grid = lay(self, gap=6, margins=(0, 5, 8, 5), columns=(0, 1, 0), heights=(0, 1))
@@ -98,7 +97,7 @@ class ClockPanel(Panel):
 
     def show_screen(self, screen: Screen) -> None:
         self._race.show_text(f'GREEN for {screen.clock}' if screen.clock else '')
-        self._heat.show_text(screen.heat)
+        self._heat.show_text(texts.heat_in_race(screen.snapshot))
 
     def look(self) -> None:
         self._now.show_text(time.strftime('%H:%M:%S'))
@@ -126,9 +125,9 @@ class KillBox(Panel):
 class Steps(QtWidgets.QWidget):
     """Shows the commands to the race from left to right, in the order that a race needs them."""
 
-    def __init__(self, pressed: Pressed) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._steps = [CommandButton(pressed, tall=True) for _ in range(len(RACE_COMMANDS) + 1)]
+        self._steps = [CommandButton(tall=True) for _ in range(len(RACE_COMMANDS) + 1)]
         lay(self, self._steps, gap=8, columns=[1] * len(self._steps))
 
     def show_screen(self, screen: Screen) -> None:
@@ -139,7 +138,7 @@ class Steps(QtWidgets.QWidget):
 class Strip(Panel):
     """Shows the race in one line: what the karts do, which are missing, and who commands."""
 
-    def __init__(self, pressed: Pressed, names: OfficialNames) -> None:
+    def __init__(self, names: OfficialNames) -> None:
         super().__init__('strip')
         self._names = names
         self._tally, self._rest = Text('tally', 'bold', flows=True), Text('rest')
@@ -149,20 +148,18 @@ class Strip(Panel):
             part.setMinimumWidth(0)
             part.setSizePolicy(Policy.Fixed, Policy.Ignored)
         self._officials = Text('officials', 'faint', RIGHT, flows=True)
-        self.heat = CommandButton(pressed, kind='quiet')
+        self.heat = CommandButton(kind='quiet')
         fixed(self.heat, 128)
         parts = self._tally, self._msr, self._reminder, self._rest, self._officials, self.heat
         lay(self, parts, gap=10, margins=(10, 1, 6, 1), columns=(0, 0, 0, 1, 0, 0))
 
     def show_screen(self, screen: Screen) -> None:
-        officials = self._names.names
-        by = f'commands by {", ".join(officials)}' * bool(officials)
-        self._officials.show_text(
-            ' · '.join(filter(None, (screen.can_stop.partition(':')[0], by)))
-        )
-        rest = screen.missing, screen.timing, screen.order, screen.places
+        race, officials = screen.snapshot, ', '.join(self._names.names)
+        by = texts.can_stop(race).partition(':')[0], officials and f'commands by {officials}'
+        self._officials.show_text(' · '.join(filter(None, by)))
+        rest = texts.missing(race), screen.timing, screen.order, screen.places
         self._rest.show_cell(Cell(' · '.join(filter(None, rest))), screen.stale)
-        self._tally.show_cell(Cell(screen.tally or 'no kart is in the race'), screen.stale)
+        self._tally.show_cell(Cell(tally(race) or 'no kart is in the race'), screen.stale)
         for part, cell in (
             (self._msr, screen.msr),
             (self._reminder, Cell(screen.reminder, Tone.WAIT)),
@@ -209,7 +206,8 @@ class NumberField(Panel):
     def show_cells(self, title: Cell, detail: Cell, keys_work: bool) -> None:
         ground = title.tone.value if title.tone is Tone.BAD else 'chosen' if title.text else ''
         if not keys_work:
-            title, detail, ground = Cell(texts.KEYS_OFF_LARGE), Cell(texts.KEYS_OFF_DETAIL), 'off'
+            detail = Cell('ALL KILL works only with the mouse. Click this window.')
+            title, ground = Cell(texts.KEYS_OFF_LARGE), 'off'
         mark(self, ground=ground)
         # On a coloured background, the style sheet sets the colour of the text.
         self._title.show_text(title.text)

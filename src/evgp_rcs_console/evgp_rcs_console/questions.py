@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from evgp_node.results import Standings
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import Availability
+from evgp_rcs.rules.race import Availability, NO_RACE_ANYWHERE
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import numbered, STATES, time_of_day
 from evgp_rcs_console import texts
@@ -236,5 +236,6 @@ def _held(kart: KartSnapshot) -> str:
 def also(following: Sequence[Given]) -> str:
     """Return what YES, AND ALSO confirms with IN GARAGE: an open track, or karts made safe."""
     if following[0].command is CommandKind.OPEN_TRACK:
-        return texts.ASK_AND_FIRST if following[0].stated else texts.ASK_AND_OPEN
+        first = f'{texts.ASK_AND_OPEN}: {NO_RACE_ANYWHERE}'
+        return first if following[0].stated else texts.ASK_AND_OPEN
     return f'{numbered(each.kart for each in following)} made safe by hand'

@@ -29,7 +29,6 @@ from evgp_rcs_console.widgets import (
     lay,
     mark,
     Panel,
-    Pressed,
     Push,
     rescale,
     Text,
@@ -182,11 +181,11 @@ class Question(Sheet):
         statement = texts.ASK_STATE.format(condition=asked.condition)
         self._show('\n'.join(asked.consequences), warning, asked.caution, statement)
 
-    def _show(self, *said: str) -> None:
-        tones = Tone.PLAIN, Tone.BAD, Tone.WAIT, Tone.PLAIN
-        for text, tone, each in itertools.zip_longest(self._texts, tones, said, fillvalue=''):
-            text.show_cell(Cell(each, tone))
-            text.setVisible(bool(each))
+    def _show(self, does: str, warning: str, caution: str = '', statement: str = '') -> None:
+        said = Cell(does), Cell(warning, Tone.BAD), Cell(caution, Tone.WAIT), Cell(statement)
+        for text, cell in zip(self._texts, said, strict=True):
+            text.show_cell(cell)
+            text.setVisible(bool(cell.text))
 
     @property
     def settled(self) -> bool:
@@ -227,17 +226,21 @@ class Choice(Sheet):
 class Heats(Choice):
     """Lists the heats in the roster, with the buttons that read the roster again."""
 
-    def __init__(self, parent: QtWidgets.QWidget, pressed: Pressed) -> None:
-        super().__init__(parent, 'heats', 'Which heat?', texts.HEATS_CONSEQUENCE)
-        self._pressed = pressed
+    def __init__(self, parent: QtWidgets.QWidget) -> None:
+        about = (
+            "Adds the heat's karts to the race and removes all others. "
+            "Type the heat's number, then press Enter."
+        )
+        super().__init__(parent, 'heats', 'Which heat?', about)
 
     def show_screen(self, screen: Screen) -> None:
         """Show the buttons. All except the one that reads the roster close the sheet."""
         heats, buttons = screen.heats, (*screen.heats, *screen.rosters)
         if len(buttons) != len(self._offered):
-            chosen = [CommandButton(self._choose) for _ in buttons[1:]]
-            chosen.insert(len(heats), CommandButton(self._pressed))
-            self._offer(chosen)
+            offered = [CommandButton() for _ in buttons]
+            for each in (*offered[: len(heats)], *offered[len(heats) + 1 :]):
+                each.clicked.connect(self.close_sheet)
+            self._offer(offered)
         for number, (widget, button) in enumerate(zip(self._offered, buttons, strict=True), 1):
             assert isinstance(widget, CommandButton)
             widget.show_button(button)
@@ -250,10 +253,6 @@ class Heats(Choice):
             heat = self.findChild(CommandButton, f'heat_{number}')
             (self._close if heat is None else heat).setFocus()
 
-    def _choose(self, down: Button, button: Button) -> None:
-        self.close_sheet()
-        self._pressed(down, button)
-
 
 class Officials(Choice):
     """Lists the event's officials, for a click on the one who commands from this window."""
@@ -262,7 +261,12 @@ class Officials(Choice):
     """Emitted when an official has chosen a name, which the signal carries."""
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
-        super().__init__(parent, 'officials', 'Who commands from here?', texts.NAME_ABOUT)
+        about = (
+            'Your name is sent with every command from this window and written to the record. If '
+            'it is not listed, start with make console OFFICIAL="Anna Meier". The list is set in '
+            'rcs.yaml.'
+        )
+        super().__init__(parent, 'officials', 'Who commands from here?', about)
 
     def show_screen(self, screen: Screen) -> None:
         names = screen.snapshot.officials

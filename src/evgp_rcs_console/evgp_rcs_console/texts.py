@@ -15,7 +15,7 @@ import math
 
 from evgp_node.results import Act, Standings
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.race import AlertKind, Heat, NO_RACE_ANYWHERE
+from evgp_rcs.rules.race import AlertKind, Heat
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import numbered, STATES, time_of_day
 from evgp_rcs_console.catalogue import CATALOGUE, Kind
@@ -51,8 +51,6 @@ MAY_MOVE = 'may be moving'
 MSR_STOPS_IT = 'only the MSR can stop it: make it safe once the track is open'
 HELD = 'held: {reason}'
 LAST_LAP_DONE = 'last lap done: FINISH'
-SAID_BEFORE = 'its {state} report answered an older order: if it stays silent, have it reconnect'
-CONNECT_AGAIN = 'its {state} report may answer an older order: have it reconnect (it will be held)'
 SETTLING = '… wait {seconds} s'
 ANSWERS = {
     RaceState.GRID_ACTIVE: '✓ ready',
@@ -100,7 +98,6 @@ ALERT_WAS = {
 }
 """What each alert was about, shown once it has ended."""
 
-ALERTS_CHANGED = 'The alerts have just changed. Check them, then press SEEN again.'
 
 LOG_ACKNOWLEDGED = ' acknowledged {state}'
 NEW_RUN = '— race control was restarted —'
@@ -109,20 +106,7 @@ REFUSED = '✗ '
 GONE = 'RACE CONTROL IS GONE'
 NOT_YET = 'NO RACE CONTROL YET'
 USE_MSR = 'USE THE MSR'
-GONE_SINCE = (
-    'Last update {age} ago, in {state}. The list below is out of date. '
-    'It may just be the network: check another window. Press a stop once. It will '
-    'be sent repeatedly until race control accepts it.'
-)
-NOT_YET_DETAIL = (
-    'Start race control: make run ROSTER=… Looking for {looking}: not found after {age}. Press a '
-    'stop once. It will be sent repeatedly until race control is found and accepts it.'
-)
 ENDED = 'RACE CONTROL HAS ENDED'
-ENDED_SINCE = (
-    'Race control was shut down normally {age} ago. At that time, no kart could have been '
-    'moving where it should not have been. To start it again: make run ROSTER=…'
-)
 GONE_REASON = 'race control is gone'
 NOT_YET_REASON = 'race control has not been found yet'
 FAILED = 'RACE CONTROL HAS FAILED'
@@ -133,7 +117,6 @@ DROPPED = (
     'answer and another race has begun since then. Press again to stop that race.'
 )
 KEYS_OFF_LARGE = 'KEYS OFF'
-KEYS_OFF_DETAIL = 'ALL KILL works only with the mouse. Click this window.'
 
 NOT_ALLOWED = (
     'ROS does not allow this program to command race control. With SROS2, use the enclave '
@@ -143,15 +126,10 @@ ANSWER_NO = 'Nothing was sent: the question has changed. Press N and start again
 
 ASK_STATE = 'I state: {condition}.'
 ASK_AND_OPEN = 'Teams may go onto the track'
-ASK_AND_FIRST = f'{ASK_AND_OPEN}: {NO_RACE_ANYWHERE}'
 ASK_WARNING = 'Warning: {warning}.'
 
-HEATS_CONSEQUENCE = (
-    "Adds the heat's karts to the race and removes all others. "
-    "Type the heat's number, then press Enter."
-)
 GRID = 'Grid: {karts}'
-ORDER_OF_FINISH, RESULTS, FINISHED = 'Order of FINISH', 'Results', 'F{place}'
+ORDER_OF_FINISH, RESULTS = 'Order of FINISH', 'Results'
 NO_TIMING = 'no timing'
 NO_TIMING_REASON = (
     "no timing, so the lap is unknown. For FINISH, type the kart's number, then press Ctrl+E"
@@ -164,10 +142,6 @@ RACES = 'Races: number, time the grid formed, heat, classified karts'
 FIELD_KART = 'KART {number}'
 FIELD_NO_KART = 'NO KART {number}'
 
-NAME_ABOUT = (
-    'Your name is sent with every command from this window and written to the record. If it is '
-    'not listed, start with make console OFFICIAL="Anna Meier". The list is set in rcs.yaml.'
-)
 NAME_IS = 'Name: {name}'
 NAME_NOT_KEPT = 'Your name was not saved for the next start: {error}'
 NAME_PROMPT = 'Your name, for the record (Enter also sends {command}; Ctrl-C sends nothing): '

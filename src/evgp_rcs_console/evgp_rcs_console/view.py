@@ -261,9 +261,6 @@ class Screen:
         what the karts are doing instead.
     :param clock: the time since GREEN GREEN; empty if the race is not in GREEN GREEN.
     :param order: the starting order of the heat's karts, and the next single-kart heat.
-    :param tally: how many karts in the race are driving, stopped and so on; empty if no kart is in
-        the race.
-    :param missing: the karts in the race that have not obeyed yet; empty if all have obeyed.
     :param msr: every kart that needs the MSR, or a note that the MSR is in use; otherwise empty.
     :param reminder: the karts that are due to be sent FINISH, or a note that every kart should be
         driving by now; otherwise empty.
@@ -278,10 +275,7 @@ class Screen:
     state: Cell
     since: str
     clock: str
-    heat: str
     order: str
-    tally: str
-    missing: str
     msr: Cell
     reminder: str
     heat_button: Button
@@ -289,7 +283,6 @@ class Screen:
     rosters: tuple[Button, ...]
     places: str
     timing: str
-    can_stop: str
     humans: Cell
     humans_reason: str
     race: tuple[Button, ...]
@@ -364,18 +357,28 @@ class Latest:
         """
         race = self.race
         if race is None:
-            since = duration(at - self._began, 0)
-            detail = texts.NOT_YET_DETAIL.format(looking=self.looking, age=since)
+            detail = (
+                f'Start race control: make run ROSTER=… Looking for {self.looking}: not found '
+                f'after {duration(at - self._began, 0)}. Press a stop once. It will be sent '
+                f'repeatedly until race control is found and accepts it.'
+            )
             barred = texts.NOT_YET_REASON
             return Danger(texts.NOT_YET, 'NO STOP WORKS YET', detail, barred, stale=True)
         silent_for = at - self.heard_at
         if silent_for >= GONE_AFTER and self._ended_run == race.run and race.no_kart_in_doubt:
-            detail = texts.ENDED_SINCE.format(age=duration(silent_for, 0))
+            detail = (
+                f'Race control was shut down normally {duration(silent_for, 0)} ago. At that '
+                f'time, no kart could have been moving where it should not have been. To start '
+                f'it again: make run ROSTER=…'
+            )
             barred = texts.GONE_REASON
             return Danger(texts.ENDED, 'NO STOP WORKS NOW', detail, barred, stale=True)
         if silent_for >= GONE_AFTER:
-            age, state = duration(silent_for), STATES[race.state]
-            detail = texts.GONE_SINCE.format(age=age, state=state)
+            detail = (
+                f'Last update {duration(silent_for)} ago, in {STATES[race.state]}. The list below '
+                f'is out of date. It may just be the network: check another window. Press a stop '
+                f'once. It will be sent repeatedly until race control accepts it.'
+            )
             return Danger(texts.GONE, texts.USE_MSR, detail, texts.GONE_REASON, stale=True)
         told = {alert.kind: alert.text for alert in race.alerts}
         if AlertKind.PART_FAILED in told:
@@ -438,10 +441,7 @@ def show(
         state=headline(race),
         since=_since(race, now),
         clock=clock(now - race.state_since) if is_green and not stale else '',
-        heat=texts.heat_in_race(race),
         order=texts.order_of_start(race, timing),
-        tally=tally(race),
-        missing=texts.missing(race),
         msr=_msr(race),
         reminder='' if danger is not None else _finish_now(buttons) or _reminder(buttons),
         heat_button=buttons.heats(),
@@ -449,7 +449,6 @@ def show(
         rosters=(buttons.race(CommandKind.READ_ROSTER), buttons.race(CommandKind.TAKE_ROSTER)),
         places=_places(buttons),
         timing=texts.NO_TIMING if untimed else '',
-        can_stop=texts.can_stop(race),
         humans=humans,
         humans_reason=reason,
         race=_steps(race, buttons),
@@ -596,9 +595,11 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
     if kart.in_doubt and not kart.settles:
         notes.append(texts.MSR_STOPS_IT if race.track.msr_used else texts.MAY_MOVE)
     if kart.counts_at is not None and kart.counts_at <= now:
-        notes.append(texts.CONNECT_AGAIN.format(state=STATES[kart.sent]))
+        older = f'its {STATES[kart.sent]} report may answer an older order'
+        notes.append(f'{older}: have it reconnect (it will be held)')
     elif kart.says_no_more and now - kart.sent_since > SAYS_NO_MORE:
-        notes.append(texts.SAID_BEFORE.format(state=STATES[kart.sent]))
+        older = f'its {STATES[kart.sent]} report answered an older order'
+        notes.append(f'{older}: if it stays silent, have it reconnect')
     if kart.flag_follows and kart.flag_at is not None:
         left = texts.left(kart.flag_at - now)
         notes.append(f'F{kart.place}, flag in {left} s')
@@ -735,7 +736,7 @@ class _Buttons:
         """Return a kart's position and laps; without timing, its place in the order of FINISH."""
         if self.shown is not None:
             return timed.position(self.shown, kart.number)
-        return texts.FINISHED.format(place=kart.place) if kart.place else ''
+        return f'F{kart.place}' if kart.place else ''
 
     def _races(self, kart: KartSnapshot) -> bool:
         is_on = self.snapshot.state is RaceState.GREEN_GREEN and kart.in_race
@@ -882,19 +883,19 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 def table(screen: Screen) -> list[str]:
     """Return the race as lines of text: state, track, alerts, karts and commands."""
-    banner = screen.snapshot.banner
+    race, karts = screen.snapshot, tally(screen.snapshot)
     found = [
-        banner and texts.BANNER.format(banner=banner),
+        race.banner and texts.BANNER.format(banner=race.banner),
         f'Race: {screen.state.text}  ({screen.since})',
-        screen.tally and f'Karts: {screen.tally}',
+        karts and f'Karts: {karts}',
         screen.msr.text,
-        screen.reminder and f'{screen.reminder}  {screen.missing}'.rstrip(),
+        screen.reminder and f'{screen.reminder}  {texts.missing(race)}'.rstrip(),
         f'{screen.humans.text}: {screen.humans_reason}.',
-        *(str(Notice(0, alert)) for alert in screen.snapshot.alerts),
+        *(str(Notice(0, alert)) for alert in race.alerts),
         screen.places,
         screen.timing,
         screen.order,
-        screen.can_stop,
+        texts.can_stop(race),
     ]
     columns = [[column.heading for column in COLUMNS]]
     for row in screen.rows:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import functools
 
 from evgp_rcs.rules.catalogue import CommandKind
@@ -14,10 +14,6 @@ from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.style import FAMILIES, look
 from evgp_rcs_console.view import Button, STEP_STATES
-
-Pressed = Callable[[Button, Button], None]
-"""Called when a button acts. The arguments are the button's command at the moment of the press
-and its command now."""
 
 _FLAGS = QtCore.Qt.AlignmentFlag
 LEFT = _FLAGS.AlignLeft | _FLAGS.AlignVCenter
@@ -292,14 +288,13 @@ class CommandButton(Push):
     tap it to see the reason. With a keyboard or a touch screen, nobody can hover over a button.
 
     An instant stop acts when the button goes down. Any other command acts when the button is
-    released.
+    released. Either way, the window (``Areas.commanded``) learns of it.
     """
 
-    def __init__(self, pressed: Pressed, tall: bool = False, kind: str = '') -> None:
+    def __init__(self, tall: bool = False, kind: str = '') -> None:
         super().__init__(kind=kind, tall=tall)
         self.button: Button | None = None
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
-        self._give = pressed
         self._down: Button | None = None
         self.pressed.connect(self._go_down)
         self.clicked.connect(self._let_go)
@@ -338,9 +333,9 @@ class CommandButton(Push):
     def _go_down(self) -> None:
         self._down = self.button
         if self.button is not None and self.button.is_instant:
-            self._give(self.button, self.button)
+            self.window().commanded.emit(self.button, self.button)
 
     def _let_go(self) -> None:
         down, self._down = self._down, None
         if down is not None and self.button is not None and not down.is_instant:
-            self._give(down, self.button)
+            self.window().commanded.emit(down, self.button)

@@ -50,7 +50,8 @@ class ConsoleWindow(Areas):
         self.karts.chosen.connect(chosen.choose_in_sight)
         self.karts.wanted.connect(chosen.choose)
         self.karts.pointed.connect(bottom.point_at)
-        self.alerts.changed.connect(lambda: bottom.say(texts.ALERTS_CHANGED, Tone.WAIT))
+        changed = 'The alerts have just changed. Check them, then press SEEN again.'
+        self.alerts.changed.connect(lambda: bottom.say(changed, Tone.WAIT))
         # The signals come from other threads, so they are always queued.
         queued = QtCore.Qt.ConnectionType.QueuedConnection
         inbox.came.connect(display.take_races, queued)

@@ -16,7 +16,7 @@ from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import Alert, AlertKind, TrackAccess
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
-from evgp_rcs.words import ALL_LOST, Cell, STATE_CELLS, STATES, time_of_day, Tone
+from evgp_rcs.words import ALL_LOST, Cell, STATE_CELLS, STATES, tally, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.notices import AlertBook
 from evgp_rcs_console.view import Danger, Screen, show, table
@@ -229,7 +229,9 @@ def a_kart_that_may_be_moving_is_not_shown_as_stopped(race: Snapshot, screen: Sc
             assert (told in row.note.text) is not settling
     stopped = [kart for kart in race.karts if kart.in_race and kart.sent in RED]
     sure = sum(kart.connected and kart.stands for kart in stopped)
-    told = dict(reversed(each.split(' ', 1)) for each in screen.tally.split(', ') if each)
+    told = dict(
+        reversed(each.split(' ', 1)) for each in tally(screen.snapshot).split(', ') if each
+    )
     assert int(told.get('stopped', 0)) == sure
     assert sum(map(int, told.values())) == sum(kart.in_race for kart in race.karts)
 
@@ -240,7 +242,7 @@ def the_terminal_says_what_the_window_says(race: Snapshot, _: Screen) -> None:
 
         lines = '\n'.join(table(screen))
 
-        for each in (screen.state.text, screen.since, screen.tally, screen.humans.text):
+        for each in (screen.state.text, screen.since, tally(screen.snapshot), screen.humans.text):
             assert each in lines
         assert lines.count(texts.ALERT_MSR) == sum(alert.use_msr for alert in race.alerts)
 

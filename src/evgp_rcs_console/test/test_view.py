@@ -33,7 +33,7 @@ from evgp_rcs.rules.race import (
     TrackAccess,
 )
 from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
-from evgp_rcs.words import Cell, STATE_CELLS, STATES, time_of_day, Tone
+from evgp_rcs.words import Cell, STATE_CELLS, STATES, tally, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import request
 from evgp_rcs_console.questions import question
@@ -546,7 +546,11 @@ def test_who_can_stop_the_race_is_told_to_whoever_starts_it_and_makes_no_other_q
     assert green is not None
     assert before is not None
 
-    for said in (green.question().caution, screen.can_stop, '\n'.join(table(screen))):
+    for said in (
+        green.question().caution,
+        texts.can_stop(screen.snapshot),
+        '\n'.join(table(screen)),
+    ):
         assert '2 officials can stop the race' in said
         assert 'Anna (window), button' in said
     assert '0' not in before.question().caution
@@ -612,7 +616,7 @@ def test_a_finished_kart_that_drives_on_shows_when_it_is_sent_its_flag() -> None
     for age, seconds in ((0.0, 3), (0.6, 2), (9.0, 1)):  # never too soon
         screen = show(replace(RACE, karts=(driving,)), age, {})
         assert screen.rows[0].note.text == f'F1, flag in {seconds} s'
-        assert screen.tally == '1 driving'
+        assert tally(screen.snapshot) == '1 driving'
         assert f'Purdue F1, flag in {seconds} s' in '\n'.join(table(screen))
 
     not_due, without_link = replace(driving, flag_at=None), replace(driving, connected=False)
@@ -884,7 +888,7 @@ def test_each_command_to_the_race_says_what_is_and_what_it_waits_for() -> None:
     assert said[CommandKind.GRID_ACTIVE] == f'since {time_of_day(RACE.state_since)}'
     assert said[CommandKind.GREEN_GREEN] == waits
     assert said[CommandKind.IN_GARAGE] == 'possible again in 3 s: a stop'
-    assert show(race, 0.0, {}).missing == 'waiting for 8'
+    assert texts.missing(race) == 'waiting for 8'
     garage = replace(race, state=RaceState.IN_GARAGE)
     assert phrases(garage)[CommandKind.GREEN_GREEN] == 'after GRID ACTIVE'
 
@@ -936,9 +940,9 @@ def test_the_strip_tells_who_is_missing_and_the_row_that_the_msr_is_needed() -> 
 
     screen = show(replace(RACE, karts=(done, lost), alerts=(told,)), 0.0, {})
 
-    assert screen.tally == '1 finished, 1 lost'
-    assert screen.missing == 'waiting for 8'
-    assert screen.heat == '2 karts'
+    assert tally(screen.snapshot) == '1 finished, 1 lost'
+    assert texts.missing(screen.snapshot) == 'waiting for 8'
+    assert texts.heat_in_race(screen.snapshot) == '2 karts'
     assert [row.use_msr for row in screen.rows] == [False, True]
     assert screen.rows[1].note.text.startswith(texts.USE_MSR)
     assert screen.rows[1].note.tone is Tone.BAD
