@@ -82,10 +82,6 @@ class Alarm:
         except OSError:  # the disk is full: the window must open, so the bell must do
             self._player = None
 
-    def toggle(self) -> None:
-        self.muted = not self.muted
-        self.sound_soon()
-
     def sound_soon(self) -> None:
         """Let the next ``look`` sound the alarm at once, if there is a reason to."""
         self._sounded_at = 0.0
@@ -97,7 +93,6 @@ class Alarm:
             self.sound()
 
     def sound(self) -> None:
-        """Sound the alarm once, immediately."""
         if self.muted:
             return
         if self._player is None:
@@ -219,11 +214,11 @@ class AlertsArea(Panel):
         self.alarm.look(now, alarming or bool(self._book.unseen))
 
     def toggle_sound(self) -> None:
-        self.alarm.toggle()
+        self.alarm.muted = not self.alarm.muted
+        self.alarm.sound_soon()
         self._mute.show_words('♪ OFF' if self.alarm.muted else '♪ ON', 'F11')
 
     def show_screen(self, screen: Screen) -> None:
-        """Show the alerts, the most important first."""
         before = self._unseen
         # If no snapshots arrive, an empty list does not mean that all is well.
         self._at, self._known = screen.now, not screen.stale

@@ -19,10 +19,9 @@ import time
 
 from evgp_node.results import Standings
 from evgp_protocol import clock
-from evgp_protocol.link import Grade, GRADES
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.link_quality import NOT_MEASURED
-from evgp_rcs.rules.race import Answer, EventKind, StampedEvent
+from evgp_rcs.rules.race import Answer, StampedEvent
 from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import Cell, time_of_day, Tone
 from evgp_rcs_console import style, texts
@@ -200,7 +199,6 @@ class Areas(QtWidgets.QWidget):
         self.fit()
 
     def show_screen(self, screen: Screen) -> None:
-        """Show a screen in every area and sheet."""
         self._show_banner(screen.snapshot.banner)
         self.how_to_begin.setVisible(not screen.rows)
         for part in (self.state, self.track, self.danger, self.clock, self.steps, self.strip):
@@ -315,9 +313,6 @@ SETTLED = 1.0
 seconds. Race control publishes a snapshot at least every 0.5 s."""
 
 
-EXPLAINED = AlertsArea, CommandButton, Text
-"""The parts of the window that the bottom line explains."""
-
 Holds = Callable[[Screen], bool]
 """Returns whether a screen agrees with a message."""
 
@@ -397,7 +392,7 @@ class BottomLine:
 
     def move(self, left: object, reached: object) -> None:
         """Explain the widget that the pointer or the focus has reached, if it can be explained."""
-        if isinstance(reached, EXPLAINED):
+        if hasattr(reached, 'explanation'):
             self.point_at(reached)
         elif self._pointed is left:
             self.point_at(None)
@@ -420,9 +415,7 @@ class BottomLine:
         ]
         if stops:
             return Cell('  '.join(stops), Tone.BAD)
-        pointed = self._pointed
-        if isinstance(pointed, EXPLAINED):
-            pointed = pointed.explanation
+        pointed = getattr(self._pointed, 'explanation', self._pointed)
         if pointed:
             return Cell(str(pointed), Tone.WAIT)
         given = self._unanswered.oldest(now)
@@ -474,11 +467,8 @@ class Display(QtCore.QObject):
             self.refresh()  # if only figures have changed, they can wait for `look`
 
     def take_event(self, stamped: StampedEvent) -> None:
-        """Show an event, but not an on-time delivery, which would crowd out other events."""
-        event = stamped.event
-        self._latest.take_event(event)
-        if event.kind is not EventKind.DELIVERED or event.after >= GRADES[Grade.FAIR]:
-            self.areas.events.add(stamped)
+        self._latest.take_event(stamped.event)
+        self.areas.events.add(stamped)
 
     def take_results(self, results: Standings) -> None:
         self._latest.results = results
@@ -490,11 +480,6 @@ class Display(QtCore.QObject):
 
     def take_pressing(self, stops: tuple[Standing, ...]) -> None:
         self.unanswered.stops = stops
-        self.refresh()
-
-    def take_dropped(self, why: str) -> None:
-        """Alert the official that a stop is no longer being sent."""
-        self.areas.alerts.take_own(why)
         self.refresh()
 
     # ----- what is shown ------------------------------------------------------------------

@@ -97,7 +97,6 @@ class Beat:
         self._until = now
 
     def beat(self, now: float) -> None:
-        """Record that the thread is alive."""
         self._look(now)
         # Once two beats in a row are in time, everything that had waited has been handled.
         if now >= self._until and now - self._last < self._period + SETTLE:

@@ -20,14 +20,14 @@ from evgp_rcs.words import time_of_day, Tone
 from evgp_rcs_console import keys, texts
 from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.commands import Given
-from evgp_rcs_console.display import Display, EXPLAINED
+from evgp_rcs_console.display import Display
 from evgp_rcs_console.freshness import AGAIN, Beat, InputClock, STALE
 from evgp_rcs_console.karts import chooses
 from evgp_rcs_console.keys import Stroke
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.view import ANSWER_KEYS, Button, FINISH_KEYS, Screen
-from evgp_rcs_console.widgets import CommandButton
+from evgp_rcs_console.widgets import CommandButton, Push
 
 UNDO_AFTER = 2.0
 """
@@ -74,7 +74,8 @@ class CommandInput(QtCore.QObject):
 
         If that stop is ALL KILL and its button is still held down, send ALL KILL again.
         """
-        self.display.take_dropped(why)
+        self._areas.alerts.take_own(why)
+        self.display.refresh()
         if given.command is CommandKind.ALL_KILL:
             self._all_kill_was_dropped = True
             if self._areas.kill.button.isDown():
@@ -327,7 +328,7 @@ class Mouse:
     def _point_at(self, widget: QtWidgets.QWidget | None) -> None:
         """Have the bottom line explain the widget that the pointer has reached."""
         before, self._under = self._under, widget
-        while widget is not None and not isinstance(widget, EXPLAINED):
+        while widget is not None and not hasattr(widget, 'explanation'):
             widget = widget.parentWidget()
         if before is not self._under:
             self._bottom.move(before, widget)
@@ -343,7 +344,7 @@ class Mouse:
 def _called(button: QtWidgets.QAbstractButton) -> str:
     if isinstance(button, CommandButton) and button.button is not None:
         return texts.command_name(button.button.command, button.button.kart)
-    return button.text().replace('&&', '&')
+    return button.words if isinstance(button, Push) else ''
 
 
 class Keyboard:

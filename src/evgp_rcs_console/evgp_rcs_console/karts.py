@@ -30,7 +30,7 @@ from evgp_rcs_console.widgets import (
 COMMAND, BESIDE = 72, 10
 """Width of a command's column, and the margin in the other columns, in pixels."""
 
-NUMBER, TEAM, SENT, ANSWER, LINK, PLACE = range(len(COLUMNS))
+NUMBER, TEAM, SENT, _, LINK, _ = range(len(COLUMNS))
 
 HEADING, TILES = 22, 36
 """Heights of the heading and of the tiles, in pixels."""
@@ -182,7 +182,7 @@ ANSWERED = {Tone.GOOD: '✓', Tone.WAIT: '…', Tone.BAD: '!'}
 
 
 class Tiles(QtWidgets.QWidget):
-    """Shows a tile for each kart, with its number and state, if the rows do not all fit."""
+    """Shows a tile for each kart: its number, and a symbol for its state and for its answer."""
 
     chosen = Signal(int)
 
@@ -198,7 +198,6 @@ class Tiles(QtWidgets.QWidget):
             self.chosen.emit(rows[min(place, len(rows) - 1)].number)
 
     def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
-        """Draw the tiles: the kart's number, and under it a symbol for its state and answer."""
         rows = self._table.rows
         wide = self.width() / max(1, len(rows))
         painter = QtGui.QPainter(self)

@@ -16,7 +16,7 @@ import itertools
 from typing import NamedTuple
 
 from evgp_node.official import UNNAMED
-from evgp_protocol.link import Grade
+from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import Alert, AlertKind, Event, EventKind, StampedEvent
@@ -195,7 +195,6 @@ class OfficialNames:
 
     @property
     def names(self) -> list[str]:
-        """Return the officials' names, in the order of their first commands."""
         return list(self._claims)
 
     def called(self, claim: str) -> str:
@@ -288,6 +287,8 @@ class EventLog:
             return None  # every kart that connects is sent IN_GARAGE, and no kart must answer
         if event.kind is EventKind.LINK_GRADE and event.grade is not Grade.POOR:
             return None  # the rows show the grade
+        if event.kind is EventKind.DELIVERED and event.after < GRADES[Grade.FAIR]:
+            return None  # a stop that arrives in time
         if (
             event.kind is EventKind.KART_STATE
             and event.place

@@ -35,10 +35,6 @@ from evgp_rcs_console.widgets import (
 EVENTS = 100
 """Maximum number of events shown in the window."""
 
-LONG = 15
-"""Minimum length of advice that is shown in smaller type because it needs two lines, in
-characters."""
-
 
 class StatePanel(Panel):
     """Shows the race's state in the colour of that state, when it began, and who caused it."""
@@ -190,7 +186,8 @@ class DangerPanel(Panel):
             return
         self._title.show_text(danger.title)
         self._advice.show_text(danger.advice)
-        mark(self._advice, kind='huge bold' if len(danger.advice) < LONG else 'large bold')
+        needs_two_lines = len(danger.advice) > 14
+        mark(self._advice, kind='large bold' if needs_two_lines else 'huge bold')
         self._detail.show_text(danger.detail)
 
 

@@ -44,7 +44,6 @@ def _row(kart: KartResult, team: str) -> tuple[str, ...]:
 
 
 def title(results: Standings) -> str:
-    """Return a title with the heat, the format and the number of laps."""
     if not (results.karts or results.overall):
         return 'No results yet'
     laps = f'{results.laps} laps' * bool(results.laps)

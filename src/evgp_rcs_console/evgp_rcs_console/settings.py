@@ -41,7 +41,6 @@ class Signature:
 
     @property
     def claim(self) -> str:
-        """Return the signature that goes with a command."""
         return claim(self.name, platform.node(), self._process)
 
     def sign(self, name: str) -> None:
@@ -57,11 +56,6 @@ class Signature:
 
 
 def file_of_name() -> pathlib.Path:
-    """
-    Return the file that contains the name.
-
-    :raises RuntimeError: if there is no home folder.
-    """
     return rcs_folder() / 'official'
 
 

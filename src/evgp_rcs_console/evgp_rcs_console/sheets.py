@@ -278,8 +278,6 @@ class Officials(Choice):
 
 
 class Help(Sheet):
-    """Lists the keys and their effects."""
-
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'help', 'Keys')
         table, keys = QtWidgets.QWidget(), key_help()

@@ -191,7 +191,6 @@ class Row:
     team: str
     in_race: bool
     use_msr: bool
-    connected: bool
     link: Cell
     bars: int
     link_time: str
@@ -292,12 +291,10 @@ class Screen:
 
     @property
     def stale(self) -> bool:
-        """Return whether the screen is out of date."""
         return self.danger is not None and self.danger.stale
 
     @property
     def teams(self) -> dict[int, str]:
-        """Return the team of each kart on the roster."""
         return {row.number: row.team for row in self.rows}
 
     def button(self, command: Kind, kart: int = 0) -> Button | None:
@@ -310,7 +307,6 @@ class Screen:
         )
 
     def letter(self, kart: int) -> Button | None:
-        """Return the command of a kart's letter."""
         return next((row.letter for row in self.rows if row.number == kart), None)
 
 
@@ -392,7 +388,6 @@ class Latest:
         return None
 
     def screen(self, at: float, pending: Pending) -> Screen:
-        """Return the screen at a given time (s)."""
         age = at - self.heard_at
         return show(self.race or NOTHING, age, pending, self.danger(at), self.results)
 
@@ -632,7 +627,6 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
         team=kart.team,
         in_race=kart.in_race,
         use_msr=use_msr,
-        connected=kart.connected,
         link=_link(kart, missing),
         bars=BARS[kart.link.grade] * kart.connected,
         link_time=_link_time(kart.link) * kart.connected,

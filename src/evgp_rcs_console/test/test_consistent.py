@@ -109,7 +109,8 @@ def statements(race: Snapshot, screen: Screen, shown_danger: Danger | None) -> l
     said += [row.note.text for row in screen.rows if texts.MAY_MOVE in row.note.text]
     said += [shown_danger.title] if shown_danger else []
     states = [screen.state.text, screen.since]
-    states += [row.sent.text for row in screen.rows if row.connected]
+    rows = zip(race.karts, screen.rows, strict=True)
+    states += [row.sent.text for kart, row in rows if kart.connected]
     under_way = STATES[RaceState.GRID_ACTIVE], STATES[RaceState.GREEN_GREEN]
     return said + [text for text in states if any(state in text for state in under_way)]
 
@@ -136,15 +137,15 @@ def a_kart_without_a_link_has_neither_bars_nor_a_good_word_for_it(
     race: Snapshot, screen: Screen
 ) -> None:
     for kart, row in zip(race.karts, screen.rows, strict=True):
-        assert row.connected is kart.connected
         if not kart.connected:
             assert (row.bars, row.link_time) == (0, '')
             assert row.link.text == texts.NOT_LINKED
 
 
 def what_is_largest_is_true_of_a_kart_of_the_race(race: Snapshot, screen: Screen) -> None:
-    concerned = [row for row in screen.rows if row.in_race] or screen.rows
-    sent = {row.sent.text for row in concerned if row.connected}
+    rows = [*zip(race.karts, screen.rows, strict=True)]
+    concerned = [each for each in rows if each[0].in_race] or rows
+    sent = {row.sent.text for kart, row in concerned if kart.connected}
 
     shown = {STATE_CELLS[each].text: each for each in RaceState}
     state = shown.get(screen.state.text)

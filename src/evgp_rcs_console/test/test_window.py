@@ -1169,6 +1169,19 @@ def test_a_key_that_was_too_old_is_named_if_it_means_anything(
         assert not console.commands
 
 
+def test_a_yes_that_was_clicked_too_long_ago_is_named(
+    opened: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    console = opened()
+    console.tell(race_of(2, RaceState.IN_GARAGE))
+    console.press('F2')
+    monkeypatch.setattr(LateInput, 'age', lambda self, event: STALE)
+    console.click_at(console.place('yes'))
+
+    assert 'YES WAS NOT SENT' in console.text('status')
+    assert not console.commands
+
+
 @pytest.mark.parametrize('question', ['F2', 'F3', 'F6', 'F7', 'F9', '1 Ctrl+G'])
 def test_a_stop_acts_while_a_question_is_open_and_what_changes_ends_the_question(
     opened: Any, question: str
