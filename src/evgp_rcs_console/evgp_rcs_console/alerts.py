@@ -22,7 +22,6 @@ from evgp_protocol.states import RaceState
 from evgp_rcs import words
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import Cell, Tone
-from evgp_rcs_console import texts
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.notices import AlertBook, Notice, summary
 from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
@@ -160,11 +159,11 @@ class AlertsArea(Panel):
         self._notices: list[Notice] = []
         self._aim: Aim[list[int]] = Aim()
         self._summary = Text('standing', 'small bold', wrap=True)
-        self._see = Push('seen', texts.SEEN, 'F10', kind='quiet small')
+        self._see = Push('seen', 'SEEN', 'F10', kind='quiet small')
         self._see_all = Push('seen_all', 'ALL SEEN', kind='quiet small')
         self._mute = Push('mute', '♪ ON', 'F11', kind='quiet small')
-        self._see.pressed.connect(self.press_first)
-        self._see_all.clicked.connect(lambda: self._press(None))
+        self._see.pressed.connect(lambda: self.press(1))
+        self._see_all.clicked.connect(lambda: self.press(None))
         self._mute.clicked.connect(self.toggle_sound)
         fixed(self._summary, height=26)
         buttons = self._see, self._see_all, self._mute
@@ -270,11 +269,8 @@ class AlertsArea(Panel):
         """Return the numbers of the unseen notices, in the order shown."""
         return [notice.number for notice in self._notices if not notice.seen]
 
-    def press_first(self) -> None:
-        """Mark the first unseen alert as seen, if it has been shown for long enough to read."""
-        self._press(1)
-
-    def _press(self, count: int | None) -> None:
+    def press(self, count: int | None) -> None:
+        """Mark the first unseen alerts as seen (None: all), if shown for long enough to read."""
         before = self._aim.seen(clock.now())
         if before is not None and set(self._unseen[:count]) - set(before[:count]):
             self.changed.emit()

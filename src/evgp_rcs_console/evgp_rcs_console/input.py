@@ -360,7 +360,7 @@ class Keyboard:
         self._acts: dict[str, Callable[[float], object]] = {
             'F1': lambda _: presses.toggle_help(),
             'F8': lambda _: self._areas.toggle_night(),
-            'F10': lambda _: self._areas.alerts.press_first(),
+            'F10': lambda _: self._areas.alerts.press(1),
             'F11': lambda _: self._areas.alerts.toggle_sound(),
             'Up': lambda _: self._chosen.choose_next(-1),
             'Down': lambda _: self._chosen.choose_next(1),

@@ -219,7 +219,7 @@ class KartField:
             why = f'{before} was typed too long ago. Type it again.'
         else:
             why = 'no kart is chosen. Type a number first.'
-        self._refusal = texts.FIELD_NO_KART.format(number=self.digits or before or '?')
+        self._refusal = f'NO KART {self.digits or before or "?"}'
         self._since = at
         self.digits = ''
         self.changed()
@@ -231,12 +231,11 @@ class KartField:
             return Cell(self._refusal, Tone.BAD), Cell('nothing was sent', Tone.BAD)
         number = int(self.digits) if self.digits else self._chosen
         if number in self._teams:
-            return Cell(texts.FIELD_KART.format(number=number)), Cell(self._teams[number])
+            return Cell(f'KART {number}'), Cell(self._teams[number])
         if not self.digits and not self._chosen:
             return Cell('', Tone.FAINT), Cell('Type a kart number', Tone.FAINT)
         begun = [each for each in self._teams if str(each).startswith(str(number))]
         if begun and number:
             title = Cell(f'{number} …', Tone.WAIT)
             return title, Cell(f'no kart {number}: keep typing', Tone.WAIT)
-        title = Cell(texts.FIELD_NO_KART.format(number=number), Tone.BAD)
-        return title, Cell('not in the roster', Tone.BAD)
+        return Cell(f'NO KART {number}', Tone.BAD), Cell('not in the roster', Tone.BAD)

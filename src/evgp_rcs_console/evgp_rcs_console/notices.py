@@ -255,8 +255,8 @@ class EventLog:
     karts in a row, they share one line.
     """
 
-    def __init__(self, officials: OfficialNames, most: int = 2000) -> None:
-        self._lines: deque[Line] = deque(maxlen=most)
+    def __init__(self, officials: OfficialNames) -> None:
+        self._lines: deque[Line] = deque(maxlen=2000)
         self._last = 0
         self._officials = officials
 

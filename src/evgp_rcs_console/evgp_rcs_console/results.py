@@ -22,13 +22,6 @@ def position(results: Standings, number: int) -> str:
     return f'P{kart.place} {laps}' if kart.place else laps
 
 
-def on_last_lap(results: Standings, number: int) -> bool:
-    kart = results.kart(number)
-    if kart is None or results.laps_left(number) > 1:
-        return False
-    return has_crossed(results, number)  # in a one-lap race, the first crossing begins the lap
-
-
 def has_crossed(results: Standings, number: int) -> bool:
     kart = results.kart(number)
     seen = (each.kart for each in results.passings if each.mark is Mark.COUNTED)
@@ -83,7 +76,7 @@ def passings(results: Standings) -> list[tuple[str, ...]]:
     return [
         (
             lap_time(each.at),
-            texts.FIELD_KART.format(number=each.kart) if each.kart else '?',
+            f'KART {each.kart}' if each.kart else '?',
             shlex.join(map(str, each.passing.identity)),
             f'{each.mark.value}: {each.struck}' if each.struck else each.mark.value,
         )

@@ -60,8 +60,6 @@ ANSWERS = {
 }
 """What a row shows once the kart has acknowledged the state that it is being sent."""
 
-AGAIN = 'possible again in {seconds} s'
-NOBODY_CAN_STOP = 'No official can stop the race: no screen or button reports that it is working'
 TRACK_OPEN = '✓ TRACK OPEN'
 TRACK_CLOSED = '✗ TRACK CLOSED'
 TRACK_CLOSED_MSR = '✗ TRACK CLOSED, MSR IN USE'
@@ -73,7 +71,6 @@ UNHEARD_OPEN = '? TRACK OPEN, NO KART CONNECTED'
 HUMANS_UNKNOWN_REASON = 'race control cannot tell what karts are doing: check each one'
 OPEN_BY_MSR = 'the MSR is on, every kart is standing still, and teams may go onto the track'
 
-SEEN = 'SEEN'
 NO_SINGLE_KART = 'the whole race'
 ALERT_MSR = '⚠ USE THE MSR'
 ALERT_OTHER = '! ALERT'
@@ -97,7 +94,6 @@ ALERT_WAS = {
     AlertKind.GRAPH_TROUBLE: "the officials' network had a fault",
 }
 """What each alert was about, shown once it has ended."""
-
 
 LOG_ACKNOWLEDGED = ' acknowledged {state}'
 NEW_RUN = '— race control was restarted —'
@@ -138,9 +134,6 @@ NO_TIMING_REASON = (
 RESULT_HEADINGS = ('', 'Kart', 'Team', 'Laps', 'Total', 'Last', 'Best', 'Status, penalties')
 PASSINGS = 'Passings: time since GREEN GREEN, kart, source, session and number, outcome'
 RACES = 'Races: number, time the grid formed, heat, classified karts'
-
-FIELD_KART = 'KART {number}'
-FIELD_NO_KART = 'NO KART {number}'
 
 NAME_IS = 'Name: {name}'
 NAME_NOT_KEPT = 'Your name was not saved for the next start: {error}'
@@ -293,7 +286,8 @@ def can_stop(race: Snapshot) -> str:
     """Return how many officials' programs can stop the race, and which ones."""
     count, who = race.able_to_stop, race.who_can_stop
     s = '' if count == 1 else 's'
-    return f'{count} official{s} can stop the race: {who}' if count else NOBODY_CAN_STOP
+    nobody = 'No official can stop the race: no screen or button reports that it is working'
+    return f'{count} official{s} can stop the race: {who}' if count else nobody
 
 
 UNDER_WAY = (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN)

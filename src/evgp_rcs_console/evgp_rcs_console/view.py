@@ -571,9 +571,10 @@ def _finish_now(buttons: _Buttons) -> str:
 
 def _places(buttons: _Buttons) -> str:
     """Return the results, first place first; without timing, the order of FINISH."""
-    name, placed = texts.ORDER_OF_FINISH, [(each.place, each.number) for each in buttons.finished]
-    if buttons.shown is not None:
-        name, placed = texts.RESULTS, [(each.place, each.kart) for each in buttons.shown.karts]
+    karts, shown = buttons.snapshot.karts, buttons.shown
+    name, placed = texts.ORDER_OF_FINISH, [(each.place, each.number) for each in karts]
+    if shown is not None:
+        name, placed = texts.RESULTS, [(each.place, each.kart) for each in shown.karts]
     said = ', '.join(f'{place}. kart {kart}' for place, kart in sorted(placed) if place)
     return f'{name}: {said}' if said else ''
 
@@ -708,17 +709,14 @@ class _Buttons:
     timing: Standings | None
 
     @property
-    def finished(self) -> list[KartSnapshot]:
-        return [kart for kart in self.snapshot.karts if kart.place]
-
-    @property
     def shown(self) -> Standings | None:
         """
         Return the results to show: the newest ones or, once this race has begun, its own.
 
         Return None if there are no such results, or if they contain no timed lap.
         """
-        has_begun = self.finished or self.snapshot.state is RaceState.GREEN_GREEN
+        race = self.snapshot
+        has_begun = race.state is RaceState.GREEN_GREEN or any(kart.place for kart in race.karts)
         shown = self.timing if has_begun else self.results
         is_timed = shown is not None and any(each.lap_times for each in shown.karts)
         return shown if is_timed else None
@@ -756,7 +754,9 @@ class _Buttons:
         if timing is None or (timing.laps and timing.kart(kart.number) is None):
             reason = finish.reason or texts.NO_TIMING_REASON
             return replace(finish, enabled=False, reason=reason)
-        if timing.laps and not timed.on_last_lap(timing, kart.number):
+        # In a race of one lap, the first crossing begins the lap.
+        begun, laps_left = timed.has_crossed(timing, kart.number), timing.laps_left(kart.number)
+        if timing.laps and (laps_left > 1 or not begun):
             offered = Availability(CommandKind.KART_FINISH, True)
             return self._button(Act.COUNT, kart, offered, key)
         return finish
@@ -836,7 +836,7 @@ class _Buttons:
         reason = offered.reason
         if reason and offered.available_from is not None:
             left = texts.left(offered.available_from - self.now)
-            reason = f'{texts.AGAIN.format(seconds=left)}: {reason}'
+            reason = f'possible again in {left} s: {reason}'
         # A stop can always be pressed, even while one waits or race control is silent.
         if not entry.stop and self.barred:
             reason = self.barred

@@ -191,7 +191,6 @@ class Text(QtWidgets.QLabel):
         policy.setVerticalPolicy(Policy.Minimum if flows and wrap else Policy.Ignored)
         self.setSizePolicy(policy)
         self._fills = fills
-        self._shown: tuple[Cell, bool] | None = None
 
     @property
     def explanation(self) -> str:
@@ -211,9 +210,6 @@ class Text(QtWidgets.QLabel):
 
     def show_cell(self, cell: Cell, stale: bool = False) -> None:
         """Show a text in its tone, or in grey if the text is out of date."""
-        if (cell, stale) == self._shown:
-            return
-        self._shown = cell, stale
         self.setText(cell.text)
         is_filled = self._fills and cell.tone in (Tone.WAIT, Tone.BAD, Tone.BANNER)
         ground = cell.tone.value if is_filled else ''

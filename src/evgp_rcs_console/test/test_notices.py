@@ -304,14 +304,6 @@ def test_a_stop_that_came_late_says_so_in_the_log() -> None:
     assert [line.text for line in log.lines()] == ['ALL KILL, pressed 65 s ago · Anna']
 
 
-def test_the_log_keeps_the_newest() -> None:
-    log = EventLog(OfficialNames(), most=3)
-    for sequence in range(1, 10):
-        log.add(event(sequence, str(sequence)))
-
-    assert [line.text for line in log.lines()] == ['7', '8', '9']
-
-
 def test_an_official_is_called_by_name_wherever_the_race_names_one_unless_two_have_it() -> None:
     officials = OfficialNames()
     held = 'ALL KILL by Anna (pc 1); RED RED by Bob (pc 2)'
