@@ -223,6 +223,7 @@ class Console(Program):
 
 def probe(window: Any, address: str) -> None:
     """Answer the questions of a ``Console`` from within the window's process."""
+    from evgp_rcs_console import texts
     from evgp_rcs_console.alerts import AlertsArea
     from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
     from evgp_rcs_console.widgets import Text
@@ -267,7 +268,7 @@ def probe(window: Any, address: str) -> None:
         corner = table.viewport().mapToGlobal(rect.topLeft())
         return describe(table) | {
             'text': '\n'.join(filter(None, (each.data() for each in cells))),
-            'linked': 'true' if row.connected else 'false',
+            'linked': 'false' if row.link.text == texts.NOT_LINKED else 'true',
             'x': corner.x(),
             'y': corner.y(),
             'width': table.columnViewportPosition(6),
