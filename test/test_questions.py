@@ -243,7 +243,7 @@ def check(question: Question) -> None:
         assert changed == at_once | later
         assert sent == at_once
     for number in at_once | later:
-        assert after[number][0].value == said.state.value
+        assert after[number][0].value == CATALOGUE[button.command].sends.value
     assert all(race.karts[number].connected for number in at_once)
     assert not any(race.karts[number].connected for number in later)
     assert all(after[number][1] is not None for number in held)

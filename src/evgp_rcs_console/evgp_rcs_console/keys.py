@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import string
 
 from evgp_rcs.words import Cell, Tone
-from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
 from evgp_rcs_console.view import FINISH_KEYS
 
@@ -136,7 +135,21 @@ def key_help() -> list[tuple[str, str]]:
         labels = ', '.join(CATALOGUE[command].label for command in commands)
         chosen = CATALOGUE[commands[0]].to_one_kart
         said.append((key, f'{labels}: chosen kart' if chosen else labels))
-    return [texts.KILL_KEYS, *said, *texts.OTHER_KEYS]
+    return [
+        ('Space bar, F12', 'ALL KILL, unless KEYS OFF'),
+        *said,
+        ('F8', 'day, night'),
+        ('F10', 'SEEN: first alert'),
+        ('F11', 'sound on, off'),
+        ('A letter', 'LAP or FINISH of its kart'),
+        ('Click UNDO', 'undo a finish'),
+        ('Digits', 'kart for the next command'),
+        ('Arrows', 'kart, kept until changed'),
+        ('Backspace, Esc', 'delete one digit, all digits'),
+        ('Ctrl+L', 'events: one kart, all'),
+        ('Tab, Enter', 'next button, press it'),
+        ('Y, N', 'answer a question'),
+    ]
 
 
 class KartField:

@@ -84,14 +84,12 @@ class Effects:
     """
     The effects of a command. Each kart on the roster is in one of these groups.
 
-    :param state: the state that the command sends to karts; None if it sends no state.
-    :param now: karts that are sent the state at once.
+    :param now: karts that are sent the command's state at once.
     :param later: karts without a connection, which are sent the state when they connect.
     :param held: karts to which the command sends nothing, and which remain held.
     :param rest: the other karts to which the command sends nothing.
     """
 
-    state: RaceState | None
     now: tuple[KartSnapshot, ...] = ()
     later: tuple[KartSnapshot, ...] = ()
     held: tuple[KartSnapshot, ...] = ()
@@ -119,7 +117,6 @@ def effects(
     sent = [each for each in race.karts if each.number in concerned]
     others = [each for each in race.karts if each.number not in concerned]
     return Effects(
-        sends,
         now=tuple(each for each in sent if each.connected),
         later=tuple(each for each in sent if not each.connected),
         held=tuple(each for each in others if each.hold is not None),
@@ -204,12 +201,12 @@ def _consequences(
         said.append(f'{race.banner}: the instructor uses the MSR for you. Say "MSR" first.')
     if entry.names_hold and kart is not None and kart.hold is not None:
         said.append(f'Releases {_held(kart)}.')
-    if does.state is not None and (does.now or kart is None):
+    if entry.sends is not None and (does.now or kart is None):
         end = entry.then[len(does.now) > 1] if does.now else ''
-        said.append(f'Sends {STATES[does.state]} now to {_kart_list(does.now)}. {end}'.rstrip())
+        said.append(f'Sends {STATES[entry.sends]} now to {_kart_list(does.now)}. {end}'.rstrip())
     if does.later:
         when = 'when it connects' if len(does.later) == 1 else 'when they connect'
-        said.append(f'Sends {STATES[does.state]} to {numbered(does.later)} {when}.')
+        said.append(f'Sends {STATES[entry.sends]} to {numbered(does.later)} {when}.')
     if kart is not None:
         if entry.names_hold and kart.in_race and race.state is not RaceState.IN_GARAGE:
             said.append('Takes the kart out of the race.')
@@ -221,7 +218,7 @@ def _consequences(
         few = does.held if len(does.held) <= FEW else ()
         who = '; '.join(map(_held, few)) or numbered(does.held)
         said.append(f'{stays} held: {who}.')
-    if does.rest and does.state is not None:
+    if does.rest and entry.sends is not None:
         stays = 'Stays as it is' if len(does.rest) == 1 else 'Stay as they are'
         said.append(f'{stays}: {numbered(does.rest)}.')
     if command is CommandKind.GRID_ACTIVE and any(each.place for each in race.karts):

@@ -139,21 +139,6 @@ NAME_IS = 'Name: {name}'
 NAME_NOT_KEPT = 'Your name was not saved for the next start: {error}'
 NAME_PROMPT = 'Your name, for the record (Enter also sends {command}; Ctrl-C sends nothing): '
 
-KILL_KEYS = 'Space bar, F12', 'ALL KILL, unless KEYS OFF'
-OTHER_KEYS = (
-    ('F8', 'day, night'),
-    ('F10', 'SEEN: first alert'),
-    ('F11', 'sound on, off'),
-    ('A letter', 'LAP or FINISH of its kart'),
-    ('Click UNDO', 'undo a finish'),
-    ('Digits', 'kart for the next command'),
-    ('Arrows', 'kart, kept until changed'),
-    ('Backspace, Esc', 'delete one digit, all digits'),
-    ('Ctrl+L', 'events: one kart, all'),
-    ('Tab, Enter', 'next button, press it'),
-    ('Y, N', 'answer a question'),
-)
-
 NO_QT = (
     "rcs_gui: Qt for Python or one of its libraries is missing. Install it with 'apt-get install "
     "python3-pyqt6' on Ubuntu 24.04, or 'pip install PySide6-Essentials' and 'apt-get install "
