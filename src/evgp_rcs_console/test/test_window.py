@@ -1259,6 +1259,7 @@ def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_mor
         'by hand': replace(race, karts=(replace(first, commands=stated), *rest)),
         'against it': replace(race, alerts=(alert(3),)),
     }[change]
+    answers = console.place('yes'), console.place('no')
     console.tell(other)
 
     said = {
@@ -1268,6 +1269,8 @@ def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_mor
         'against it': f'Kart 3 ({NAME})',
     }
     assert said[change] in warning.text()
+    assert not warning.cut
+    assert answers == (console.place('yes'), console.place('no'))
     assert not console.find('yes').isEnabled()
     for part in ('consequence', 'statement'):
         assert not console.find(f'question_{part}').isVisible()
