@@ -26,14 +26,8 @@ from evgp_rehearsal.field import Field, TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_timing.corrections import CORRECTIONS
 
-LOSS = 'the loss of its connection'
-"""Why a kart without a connection must stop (§3.E)."""
-
 TOGETHER = 1.0
 """Maximum time between two events that share a line, such as two lost connections, in seconds."""
-
-NEEDS_CLEAR_TRACK = (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN)
-"""Commands that require all humans to be off the track (§3.A)."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +69,7 @@ class Truth:
     @classmethod
     def of(cls, field: Field, passings: Iterable[tuple[str, int, bool]]) -> Truth:
         """Return the truth of a field and its timing line up to now."""
-        radio = [(each.tick, f'radio: {each.text}') for each in field.messages]
+        radio = [(at, f'radio: {text}') for at, text in field.messages]
         last_laps = [(at, f'kart {kart} completes its last lap') for at, kart in field.crossed]
         return cls(
             tuple(field.moving),
@@ -199,7 +193,8 @@ def _remarks(stamped: StampedEvent, truth: Truth) -> Iterator[str]:
     at, event = stamped.monotonic, stamped.event
     if event.command is None or not event.success:
         return
-    if event.command in NEEDS_CLEAR_TRACK and truth.has_person(at):
+    starts = event.command in (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN)
+    if starts and truth.has_person(at):  # §3.A
         yield 'WITH A PERSON ON THE TRACK'
     movers = [kart for kart in truth.movers(at) if event.kart in (0, kart)]
     if CATALOGUE[event.command].loosens and movers:
@@ -237,7 +232,7 @@ def _motion(
             if event.kart != kart:
                 continue
             if event.kind is EventKind.DISCONNECTED:
-                orders.append((stamped.monotonic, LOSS))
+                orders.append((stamped.monotonic, 'the loss of its connection'))  # §3.E
             elif event.kind is EventKind.KART_STATE and event.state is not None:
                 goes = event.state is RaceState.GREEN_GREEN
                 orders.append((stamped.monotonic, '' if goes else event.state.value))

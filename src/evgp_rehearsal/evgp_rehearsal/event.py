@@ -39,7 +39,7 @@ from evgp_rcs.spare.copies import fetch, keep
 from evgp_rcs_msgs import msg
 from evgp_rehearsal.debrief import debrief, Occurrence, Truth
 from evgp_rehearsal.field import Connected, Failure, Field, TICK_LENGTH
-from evgp_rehearsal.incidents import ALERTS, can_begin, choose_kart, INCIDENTS, LASTS, Phase
+from evgp_rehearsal.incidents import ALERTS, can_begin, choose_kart, INCIDENTS, LASTS
 from evgp_rehearsal.line import TimingLine
 from evgp_rehearsal.plan import Plan
 from evgp_testing.domains import Domain
@@ -60,12 +60,6 @@ AWAY = 1.0
 
 HEAT = 'rehearsal'
 """Name of the roster's heat, which has the plan's laps."""
-
-STEWARD = 'rehearsal'
-"""Name of the official under which the rehearsal itself sends commands."""
-
-ON_DISK = 20
-"""Time after which events are certainly in the record, in ticks."""
 
 CONNECT_AGAIN = 10
 """Time between a kart's attempts to connect, in ticks."""
@@ -171,7 +165,7 @@ class Rehearsal(Part):
             stack.callback(lambda: self.control.close())
             self._timekeeper = stack.enter_context(Timekeeper(folder, self.domain, timing))
             hears = 'race', 'events', 'results'
-            self.official = stack.enter_context(Official(self.domain, STEWARD, judge, hears))
+            self.official = stack.enter_context(Official(self.domain, 'rehearsal', judge, hears))
             self._line = TimingLine(secrets.token_hex(4))
             self._passings = self.official.node.create_publisher(
                 msg.Passing, '/rcs/passings', latched(200)
@@ -206,7 +200,7 @@ class Rehearsal(Part):
                 raise RefusedError(f'kart {kart} is not simulated here')
             if not can_begin(row, self.field, state, kart):
                 whom = f' to kart {kart}' if kart else ''
-                raise RefusedError(f'Not now{whom}: {name} begins {WHEN[row.phase]}')
+                raise RefusedError(f'Not now{whom}: {name} begins {row.phase.value}')
             self._end_incident()
             number = choose_kart(self.field, row, kart)
             self.present = Occurrence(name, number, self.field.tick, self.field.tick)
@@ -300,7 +294,7 @@ class Rehearsal(Part):
         """Wait until more than this number of incidents have ended and are in the record."""
         with self.lock:
             self.lock.wait_for(lambda: len(self.took) > number)
-            until = self.took[number].ended + ON_DISK
+            until = self.took[number].ended + 20  # ticks, after which its events are on the disk
             self.lock.wait_for(lambda: self.field.tick >= until)
 
     def events(self) -> list[StampedEvent]:
@@ -481,14 +475,6 @@ def recorded(folder: pathlib.Path) -> list[StampedEvent]:
 def corrected(folder: pathlib.Path) -> list[Corrected]:
     """Return the corrections that the timekeeper accepted, from its book in a folder."""
     return [each for _, each in entries(folder / BOOK) if isinstance(each, Corrected)]
-
-
-WHEN = {
-    Phase.GRID: 'in GRID_ACTIVE',
-    Phase.RACE: 'in GREEN_GREEN, once all karts in the race are driving',
-    Phase.LAST_LAP: 'in GREEN_GREEN, when the leader is near the end of its last lap',
-}
-"""Text that tells the instructor when an incident can begin."""
 
 
 def _in_ticks(at: float, times: Sequence[float]) -> float:

@@ -208,7 +208,7 @@ class Timekeeper(StrictNode):
         self._ended = False
         self._asked: dict[Finish, tuple[float, Future]] = {}
         self._shown: Standings | None = None
-        self._shown_at = self._kept_at = self._noted_at = -math.inf
+        self._kept_at = self._noted_at = -math.inf
         self._kept: Standings | None = None
         self._results = self.create_publisher(msg.Results, '~/results', RESULTS_QOS)
         self._finish = self.create_client(KartFinish, 'kart/finish')
@@ -360,12 +360,8 @@ class Timekeeper(StrictNode):
             first = names.index((last.run, last.race))
             for race in self._desk.races[first:-1]:
                 self._write_results(self._desk.standings(now, race))
-        if (
-            self._shown is None
-            or seen[1:] != self._shown[1:]
-            or now - self._shown_at > SHOWN_EVERY
-        ):
-            self._shown, self._shown_at = seen, now
+        if last is None or seen[1:] != last[1:] or now - last.stamp > SHOWN_EVERY:
+            self._shown = seen
             wall_ns = time.time_ns() - round(now * 1e9)
             self._results.publish(message_of(seen, msg.Results, wall_ns))
         self._keep(now)
