@@ -245,12 +245,11 @@ class Oracle:
         self.spell = Spell(Law.STAND, 0.0, 'the start', 'K-4C-11', 'K-4C-11')
         self._limits = limits
         self._found: dict[str, Breach] = {}  # the gravest finding per sentence
-        self._heard = 0  # number of replies judged
         self._taken: dict[int, int] = {}  # number of orders judged, by connection
         self._step = ''
         self._link = 0
         self._state: RaceState | None = None
-        self._ready = self._armed = self._killed = False
+        self._ready = self._killed = False
         self._since: RaceState | str = IN_GARAGE  # what disarmed the kart
         self._silent, self._silent_at = 'silent', 0.0
         self._grids = 0
@@ -344,7 +343,7 @@ class Oracle:
     # ----- events -------------------------------------------------------------------------------
 
     def take(self, event: Event) -> None:
-        at = event.at
+        at, heard = event.at, len(self.trace.said)
         self.trace.add(event)
         self._let_time_pass(at)
         if event.kind is Kind.SPEED and math.isfinite(event.value):
@@ -372,7 +371,11 @@ class Oracle:
             self._killed = event.text == 'stack'
         elif event.kind is Kind.ANSWER:
             self._take_answer(event)
-        self._take_words()
+        for said in self.trace.said[heard:]:
+            self._take_word(said)
+        due = self._said_due
+        if due is not None and due.order is not None and self.trace.has(due.order):
+            self._acknowledged(due, at)
 
     def _let_time_pass(self, now: float) -> None:
         limits = self._limits
@@ -603,7 +606,7 @@ class Oracle:
         self._let_go(at)
         braked = self._state in (RED_FLAG, RED_RED) and self._stood is None
         name = 'K-3E-11' if braked else LOSSES.get(how, 'K-3E-11')
-        self._state, self._ready, self._armed, self._since = None, False, False, how
+        self._state, self._ready, self._since = None, False, how
         what = {'kart': 'it dropped its connection', 'away': 'race control went away'}.get(
             how, f'a loss ({how})'
         )
@@ -633,15 +636,14 @@ class Oracle:
         before, self._state = self._state, order.state
         self._let_go(at)
         state = order.state
-        if state is GREEN_GREEN:
-            self._armed = before is GRID_ACTIVE and self._ready
-            if not self._armed and before is not None:
+        armed = before is GRID_ACTIVE and self._ready
+        if state is GREEN_GREEN and armed:
+            self._free(order)
+        elif state is GREEN_GREEN:
+            if before is not None:
                 self._since = before
-            if self._armed:
-                self._free(order)
-            else:
-                name = UNARMED.get(self._since, 'K-3E-05')
-                self._begin(Law.RED, at, f'an invalid GREEN_GREEN ({name})', name)
+            name = UNARMED.get(self._since, 'K-3E-05')
+            self._begin(Law.RED, at, f'an invalid GREEN_GREEN ({name})', name)
         elif state in (RED_FLAG, RED_RED):
             law = Law.FLAG if state is RED_FLAG else Law.RED
             true = 'K-3A-07' if law is Law.FLAG else 'K-3A-10'
@@ -654,7 +656,7 @@ class Oracle:
             malformed = state is GRID_ACTIVE and self._step == 'malformed'
             self._begin(Law.STAND, at, state.value, 'K-4C-07' if malformed else STAYS[state])
         self._ready = False
-        if state in ACKNOWLEDGES and (state is not GREEN_GREEN or self._armed):
+        if state in ACKNOWLEDGES and (state is not GREEN_GREEN or armed):
             name, limit = ACKNOWLEDGES[state]
             if state is GRID_ACTIVE:
                 self._grids += 1
@@ -666,7 +668,6 @@ class Oracle:
             self._said_due = Due(name, at, getattr(self._limits, limit), state.value, order)
 
     def _free(self, order: SentState) -> None:
-        self._armed = True
         self._begin(Law.DRIVE, order.at, 'GREEN_GREEN', 'K-3A-05')
         self._stood = self._turned = self._said_green = None
         self._drives_on = 0
@@ -706,14 +707,6 @@ class Oracle:
         waited = at - due.since
         why = f'It did not acknowledge {due.what} within {waited:.1f} s.'
         self._fail(due.name, why, due.since, at, waited)
-
-    def _take_words(self) -> None:
-        heard, self._heard = self._heard, len(self.trace.said)
-        for said in self.trace.said[heard:]:
-            self._take_word(said)
-        due = self._said_due
-        if due is not None and due.order is not None and self.trace.has(due.order):
-            self._acknowledged(due, self.trace.events[-1].at)
 
     def _take_word(self, said: Said) -> None:
         at, sent = said.at, said.sent

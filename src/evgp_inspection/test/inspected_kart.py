@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-import fcntl
 import random
 import socket
-import sys
-import termios
 
 from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame
+from evgp_protocol.link import unread
 from evgp_protocol.states import RaceState
 
 IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
@@ -680,8 +678,3 @@ class InspectedKart:
         return any(
             self._is[fault] and obeyed is each and now for fault, (each, now) in keeps.items()
         )
-
-
-def unread(link: socket.socket) -> int:
-    """Return the number of bytes that came and were not read."""
-    return int.from_bytes(fcntl.ioctl(link, termios.FIONREAD, bytes(4)), sys.byteorder)
