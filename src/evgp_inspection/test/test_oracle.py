@@ -89,10 +89,6 @@ def test_a_kart_that_begins_to_brake_late_breaks_the_sentence_of_what_it_was_tol
     assert STOPPED[stop] in failed(trace(stop, driven, late, 12.0))
 
 
-def test_a_stop_that_is_late_after_a_minute_of_driving_is_found() -> None:
-    assert 'K-3A-14' in failed(trace(RaceState.RED_RED, 60.0, 7.8, 12.0))
-
-
 @settings(max_examples=30)
 @given(STOPS, st.floats(3.0, 11.0))
 def test_a_kart_that_moves_off_long_after_a_stop_is_found(

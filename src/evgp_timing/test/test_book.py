@@ -127,15 +127,6 @@ def test_what_is_written_together_comes_back_and_results_are_for_reports_alone(
     assert known(path) == [TOLD, Passed(101.0, ()), TOLD]
 
 
-def test_of_two_timekeepers_with_one_book_the_second_is_refused(path: pathlib.Path) -> None:
-    first = Book(path)
-    with pytest.raises(BookError, match=r'another running timekeeper is using .*\. End'):
-        Book(path)
-    first.write(TOLD)
-    first.close()
-    assert known(path) == [TOLD]
-
-
 def no_database(path: pathlib.Path) -> None:
     path.write_bytes(b'no database' * 1000)
 

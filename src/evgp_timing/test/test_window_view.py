@@ -206,11 +206,6 @@ def test_the_header_says_which_race_it_is_and_whether_its_results_are_published(
     )
 
 
-def test_before_the_first_race_the_header_says_so() -> None:
-    assert view.title(Standings()) == 'No race yet'
-    assert view.about(Standings(), 'IN GARAGE') == 'IN GARAGE'
-
-
 def test_a_correction_is_of_the_race_that_was_run_not_of_the_grid_that_forms() -> None:
     first, second = (
         RaceOfEvent(1, 'Heat 1', AT_14_31, 4, True),
