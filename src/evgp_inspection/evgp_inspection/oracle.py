@@ -245,7 +245,6 @@ class Oracle:
         self.spell = Spell(Law.STAND, 0.0, 'the start', 'K-4C-11', 'K-4C-11')
         self._limits = limits
         self._found: dict[str, Breach] = {}  # the gravest finding per sentence
-        self._taken: dict[int, int] = {}  # number of orders judged, by connection
         self._step = ''
         self._link = 0
         self._state: RaceState | None = None
@@ -294,7 +293,7 @@ class Oracle:
         self._expire_link(now)
         if self.trace.said:
             self._pass('K-4C-10', 'It never flooded.', now)
-        if self._open or self._taken:
+        if self._link:
             self._pass('K-4A-02', 'It never had two connections.', now)
         self._compare()
         all_of = {**self._found, **{breach.name: breach for breach in self.breaches}}
@@ -344,6 +343,7 @@ class Oracle:
 
     def take(self, event: Event) -> None:
         at, heard = event.at, len(self.trace.said)
+        ordered = len(self.trace.orders(event.link))
         self.trace.add(event)
         self._let_time_pass(at)
         if event.kind is Kind.SPEED and math.isfinite(event.value):
@@ -351,7 +351,7 @@ class Oracle:
         elif event.kind is Kind.SAID:
             self._take_bytes(event)
         elif event.kind is Kind.SENT:
-            self._take_sent(event)
+            self._take_sent(event, self.trace.orders(event.link)[ordered:])
         elif event.kind is Kind.STEP:
             self._step, self._silent = event.text, 'silent'
             if event.text == 'malformed' and self._state is GRID_ACTIVE:
@@ -614,10 +614,8 @@ class Oracle:
 
     # ----- orders -------------------------------------------------------------------------------
 
-    def _take_sent(self, event: Event) -> None:
+    def _take_sent(self, event: Event, fresh: list[SentState]) -> None:
         link = event.link
-        orders, taken = self.trace.orders(link), self._taken.get(link, 0)
-        fresh, self._taken[link] = orders[taken:], len(orders)
         opened = self._quiet.pop(link, None)
         if link != self._link:
             return
@@ -626,7 +624,7 @@ class Oracle:
         if opened is not None and link > 1 and event.at - opened > self._limits.slack / 2:
             self._pass('K-4C-12', 'It sent nothing before it was sent anything.', event.at)
         if not fresh and self._state is None and self.trace.framed_at(link) == event.at:
-            fresh = orders[-1:]  # the same order again after a silence
+            fresh = self.trace.orders(link)[-1:]  # the same order again after a silence
         for order in fresh:
             self._take_order(order, event.at)
 

@@ -22,6 +22,7 @@ from evgp_node.results import Act, Corrected
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import EventKind, StampedEvent
+from evgp_rcs.words import numbered
 from evgp_rehearsal.field import Field, TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_timing.corrections import CORRECTIONS
@@ -198,7 +199,7 @@ def _remarks(stamped: StampedEvent, truth: Truth) -> Iterator[str]:
         yield 'WITH A PERSON ON THE TRACK'
     movers = [kart for kart in truth.movers(at) if event.kart in (0, kart)]
     if CATALOGUE[event.command].loosens and movers:
-        yield f'WHILE {_karts(movers).upper()} MOVED'
+        yield f'WHILE {numbered(movers).upper()} MOVED'
     used = any(tick * TICK_LENGTH <= at for tick in truth.msr)
     if event.command is CommandKind.RECORD_MSR and not used:
         yield 'the MSR had not been used yet'
@@ -214,7 +215,7 @@ def _folded(lines: Iterable[_Line]) -> Iterator[_Line]:
             group.append(line)
             continue
         if first:
-            who = _karts(sorted({each.kart for each in group}))
+            who = numbered(sorted({each.kart for each in group}))
             yield first._replace(text=f'{who}: {first.text}') if first.kind else first
         group = [line] if line else []
 
@@ -246,7 +247,3 @@ def _motion(
     found.sort(key=lambda each: each[:2])
     for (at, order), each in itertools.groupby(found, key=lambda one: one[:2]):
         yield f'moved after {order} at {at:.1f} s: {", ".join(how for _, _, how in each)}'
-
-
-def _karts(numbers: Sequence[int]) -> str:
-    return f'kart{"s" if len(numbers) > 1 else ""} {", ".join(map(str, numbers))}'

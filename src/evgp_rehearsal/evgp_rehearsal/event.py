@@ -298,8 +298,13 @@ class Rehearsal(Part):
             self.lock.wait_for(lambda: self.field.tick >= until)
 
     def events(self) -> list[StampedEvent]:
-        """Return all events of the record."""
-        return recorded(self.folder)
+        """Return all events of the record, from every run of race control."""
+        # After a takeover, the newest record also contains the earlier runs.
+        records = self.folder.rglob('record.sqlite3')
+        newest = max(records, key=lambda path: path.stat().st_mtime)
+        with contextlib.closing(open_read_only(newest)) as database:
+            runs = [*sessions(database)][::-1]
+            return [event for run in runs for event in events(database, run.number)]
 
     # ----- the field's thread -------------------------------------------------------------
 
@@ -325,9 +330,11 @@ class Rehearsal(Part):
             with self.lock:
                 said = self.field.step()
                 self._times.append(clock.now())
-                passings = self._line.read(self.field, time.time_ns() - self._field_ns())
+                field_ns = round(self.field.tick * TICK_LENGTH * 1e9)
+                passings = self._line.read(self.field, time.time_ns() - field_ns)
                 failures, self.field.failures = self.field.failures, []
-                self._time_is_up()
+                if self.present is not None and self.field.tick >= self.present.began + LASTS:
+                    self._end_incident()
                 self._cue()
                 self.lock.notify_all()
             for number, state in said:
@@ -342,9 +349,6 @@ class Rehearsal(Part):
             for each in failures:
                 self._happen(each)
             self._keep_race_control()
-
-    def _field_ns(self) -> int:
-        return round(self.field.tick * TICK_LENGTH * 1e9)
 
     def _connect(self, number: int, wanted: Connected) -> None:
         link = self.links.get(number)
@@ -414,10 +418,6 @@ class Rehearsal(Part):
         ):
             self._again = self._starter.submit(again)
 
-    def _time_is_up(self) -> None:
-        if self.present is not None and self.field.tick >= self.present.began + LASTS:
-            self._end_incident()
-
     def _cue(self) -> None:
         """Begin the script's incidents that are due."""
         self._first.setdefault(self.state, self.field.tick)
@@ -461,15 +461,6 @@ class Rehearsal(Part):
     def _close_window(self) -> None:
         if self.window is not None:
             self.window.close()
-
-
-def recorded(folder: pathlib.Path) -> list[StampedEvent]:
-    """Return all events of the record in a folder, from every run of race control."""
-    # After a takeover, the newest record also contains the earlier runs.
-    newest = max(folder.rglob('record.sqlite3'), key=lambda path: path.stat().st_mtime)
-    with contextlib.closing(open_read_only(newest)) as database:
-        runs = [*sessions(database)][::-1]
-        return [event for run in runs for event in events(database, run.number)]
 
 
 def corrected(folder: pathlib.Path) -> list[Corrected]:

@@ -26,7 +26,7 @@ import pathlib
 import sys
 import threading
 import time
-from typing import Any, ParamSpec
+from typing import Any
 
 from evgp_node.codec import message_of, value_of
 from evgp_node.entries import OF_TIMEKEEPER
@@ -62,8 +62,6 @@ from evgp_timing.desk import (
 from evgp_timing.laps import LapSettings
 from rclpy.clock import Clock, ClockType
 from rclpy.task import Future
-
-_P = ParamSpec('_P')
 
 RESULTS_QOS = latched(1)
 """QoS of ``~/results``, which gives a late subscriber the current results at once."""
@@ -114,18 +112,14 @@ _COMMANDS = {
 
 def told_of(event: msg.RaceEvent, run: str) -> Told | None:
     """Return how an event from race control affects the laps; None if it does not."""
-    what = None
+    what, state = None, event.state.state
+    is_green = state == msg.RaceState.GREEN_GREEN
     if event.kind == msg.RaceEvent.COMMAND and event.success:
         what = _COMMANDS.get(event.command)
-    elif event.kind == msg.RaceEvent.RACE_STATE:
-        green = event.state.state == msg.RaceState.GREEN_GREEN
-        what = What.GREEN_GREEN if green else What.OVER
-        if event.state.state == msg.RaceState.GRID_ACTIVE:
-            what = None  # the command's event already means this
-    elif (event.kind, event.state.state) == (
-        msg.RaceEvent.KART_STATE,
-        msg.RaceState.GREEN_GREEN,
-    ):
+    # The event of the command already means GRID_ACTIVE.
+    elif event.kind == msg.RaceEvent.RACE_STATE and state != msg.RaceState.GRID_ACTIVE:
+        what = What.GREEN_GREEN if is_green else What.OVER
+    elif event.kind == msg.RaceEvent.KART_STATE and is_green:
         what = What.SENT_GREEN
     if what is None:
         return None
@@ -233,17 +227,17 @@ class Timekeeper(StrictNode):
             self._keep(clock.now(), at_once=True)
             self._book.close()
 
-    def _alone(self, callback: Callable[_P, None]) -> Callable[_P, None]:
+    def _alone(self, callback: Callable[..., None]) -> Callable[..., None]:
         """Return a callback that never runs at the same time as another, or on a closed node."""
 
-        def run(*arguments: _P.args, **named: _P.kwargs) -> None:
+        def run(*arguments: Any) -> None:
             with self._turn:
                 if not self._ended:
                     now = clock.now()
                     if now - self._awake > HANG:
                         self._away_since, self._back = self._awake, now
                     self._awake = now
-                    callback(*arguments, **named)
+                    callback(*arguments)
 
         return run
 
