@@ -262,7 +262,7 @@ class Oracle:
         self._first_seen = math.inf  # when the first odometry came
         self._said_due: Due | None = None
         self._back_due: Due | None = Due('K-4A-01', 0.0, limits.connect, 'connect')
-        self._open: dict[int, float] = {}
+        self._open: set[int] = set()
         self._doubtful: dict[int, float] = {}  # connections still open when another one was opened
         self._quiet: dict[int, float] = {}  # connections on which nothing was sent yet
         self._recent: deque[Event] = deque()
@@ -566,14 +566,15 @@ class Oracle:
             took = event.at - due.since
             self._pass(due.name, f'It connected after {took:.2f} s.', event.at, took)
         self._doubtful.update(dict.fromkeys(self._open, event.at))
-        self._open[event.link] = self._quiet[event.link] = event.at
+        self._open.add(event.link)
+        self._quiet[event.link] = event.at
         if self._state is not None:
             self._lose(event.at, 'kart')
         self._link = event.link
 
     def _take_end(self, event: Event) -> None:
         if event.text != 'half-closed':
-            self._open.pop(event.link, None)
+            self._open.discard(event.link)
             self._doubtful.pop(event.link, None)
         if event.link != self._link or self._state is None:
             return

@@ -11,7 +11,7 @@ the oracle reads nothing else, so a verdict can be reproduced from the trace alo
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 import dataclasses
 import enum
 
@@ -126,13 +126,6 @@ class Trace:
         self._time = self._beats = 0.0
         self._sent: dict[int, SentState] = {}  # of the connections that are open
         self._acknowledged: set[SentState] = set()
-
-    @classmethod
-    def of(cls, events: Iterable[Event]) -> Trace:
-        trace = cls()
-        for event in events:
-            trace.add(event)
-        return trace
 
     def acknowledged(self, state: RaceState) -> bool:
         """Return whether the kart is now being sent this state, and has acknowledged it."""

@@ -116,6 +116,7 @@ class Rehearsal(Part):
     :ivar links: the connections of the simulated karts.
     :ivar domains: the ROS domains of the karts with a bridge, and race control's at number 0.
     :ivar present: the current incident, or None.
+    :ivar paused: whether the karts pause, with their connections open.
     :ivar dead: set once race control's laptop has died.
     """
 
@@ -222,10 +223,6 @@ class Rehearsal(Part):
         """Cut the power of every kart, which the official must then record."""
         with self.lock:
             self.field.use_msr()
-
-    def pause(self, paused: bool) -> None:
-        """Pause the karts, or let them continue. Their connections stay open."""
-        self.paused = paused
 
     def open_window(self) -> None:
         """Open the officials' window, unless it is open already."""
@@ -368,7 +365,7 @@ class Rehearsal(Part):
             link.close()
             if isinstance(link, DrivenKart):
                 with self.lock:
-                    self.field.drop(number)
+                    self.field.karts[number].drop()
         elif there is not wanted and self.field.tick - self._tried[number] >= CONNECT_AGAIN:
             self._join(number, wanted)
 

@@ -4,8 +4,8 @@
 """
 The field: simulated karts on a closed line, and their faults.
 
-``hear`` and ``drop`` pass on what race control sends. ``step`` advances time by one tick, and
-returns the karts' acknowledgements. Karts do not collide, because they steer around each other.
+``hear`` passes on what race control sends. ``step`` advances time by one tick, and returns the
+karts' acknowledgements. Karts do not collide, because they steer around each other.
 This module is pure and deterministic: it has no clock, socket or thread, and all chance comes from
 the seed.
 """
@@ -219,10 +219,6 @@ class Field:
         if state is RaceState.GRID_ACTIVE and kart.told is not state and not kart.moves:
             self._to_grid(kart)  # its team puts it there
         kart.hear(state, self.tick)
-
-    def drop(self, number: int) -> None:
-        """Drop a kart's connection."""
-        self.karts[number].drop()
 
     def say(self, text: str) -> None:
         """Send a radio message."""

@@ -116,7 +116,7 @@ def _do(rehearsal: Rehearsal, wanted: Mapping[str, Any]) -> None:
     elif what == 'msr':
         rehearsal.use_msr()
     elif what == 'pause':
-        rehearsal.pause(not rehearsal.paused)
+        rehearsal.paused = not rehearsal.paused
     elif what == 'window':
         rehearsal.open_window()
     else:

@@ -74,7 +74,7 @@ def test_a_kart_that_loses_its_connection_stops_by_itself() -> None:
     field = the_field(1)
     send(field, RaceState.GREEN_GREEN)
     run(field, 5.0)
-    field.drop(1)
+    field.karts[1].drop()
     assert run(field, 10.0) == []
     assert not field.karts[1].moves
 

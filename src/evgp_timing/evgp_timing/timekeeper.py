@@ -262,11 +262,10 @@ class Timekeeper(StrictNode):
     def _hear(self, message: msg.RaceEvents) -> None:
         self._take_waiting()
         for event in message.events:
-            last = self._last.get(message.run)
-            if last is not None and event.sequence <= last:
+            last = self._last.get(message.run, 0)
+            if event.sequence <= last:
                 continue
-            missed = event.sequence - 1 - (last or 0)
-            if missed:
+            if missed := event.sequence - 1 - last:
                 self._take(Missed(clock.now(), message.run, missed))
             self._last[message.run] = event.sequence
             told = told_of(event, message.run)
