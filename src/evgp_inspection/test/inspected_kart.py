@@ -20,9 +20,6 @@ RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
 
 STEP = 0.02  # s
 
-LATE_TURN = 0.05
-"""A turn of a kart that takes longer says that it got no processor, s. Of two halves of a frame,
-0.07 s apart, it may then have seen one frame."""
 ACCELERATION, BRAKING, TOP = 20.0, 12.0, 6.0  # m/s², m/s²: it stops in 0.5 s, m/s
 FLAG_BRAKING = 6.0  # m/s²
 COASTING = 3.0  # m/s²
@@ -207,7 +204,6 @@ class InspectedKart:
         self._ticked_at = self._loop.time()
         self._armed = False
         self._reached_at: float | None = None
-        self._moving_since: float | None = None
         self._grids = 0
         self._lost_how = ''
         self._reset = False  # the connection, as a frame was to be sent
@@ -215,16 +211,12 @@ class InspectedKart:
         self._drove = False
         self._goes_on = False  # faulty: drives on although race control is gone
         self._decoder = FrameDecoder()
-        self._pending: list[RaceState] = []
-        self._unread = b''
         self._idle = 0  # turns since it last read something
         self._frame_times: list[float] = []
-        self._errors_only = False
         self._silent_kept = False
         self._deaf_until = 0.0
         self._bridge_killed = False
         self._stack_died_at: float | None = None
-        self.held_up = False
         self._coasts = False
         self._green_at = 0.0
         self._seen_next = 0.0
@@ -288,7 +280,6 @@ class InspectedKart:
         self._links += 1
         self._orders = 0
         self._decoder = FrameDecoder()
-        self._pending.clear()
         self._reset = False
         self._heard_at = self._loop.time()
         self._frame_times.clear()
@@ -315,11 +306,8 @@ class InspectedKart:
 
     async def _read(self, link: socket.socket) -> None:
         gone = False
-        turn_at = self._loop.time()
         while True:
             now = self._loop.time()
-            self.held_up = self.held_up or now - turn_at > LATE_TURN
-            turn_at = now
             if self._bridge_killed:
                 self._lost('killed')
                 self._bridge_killed = False

@@ -28,7 +28,7 @@ from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs_msgs import msg
-from evgp_rehearsal.event import BANNER, HEAT, Rehearsal
+from evgp_rehearsal.event import BANNER, Rehearsal
 from evgp_rehearsal.field import Fault
 from evgp_rehearsal.plan import Ability, Plan, Track
 from evgp_testing.judge import Judge
@@ -92,16 +92,14 @@ class Show:
 
     def gather(self) -> None:
         """
-        Wait until every kart is connected and has its stack, then bring the race to IN_GARAGE.
+        Wait until every kart has its stack and is connected, then bring the race to IN_GARAGE.
 
         :raises AssertionError: if any of this does not happen in time.
         """
-        self.official.wait_for_connected(*PLAN.numbers)
         for team in self.teams.values():
             team.timeout = TIMEOUT
             team.wait_for_speed(lambda speed: True)
-        self.official.bring_to(RaceState.IN_GARAGE)
-        self.official.command('set_heat', heat=HEAT)
+        self.rehearsal.gather()
         self._wait_for(RaceState.IN_GARAGE, PLAN.numbers)
 
     def race(self) -> None:

@@ -48,7 +48,6 @@ def picture(rehearsal: Rehearsal) -> dict[str, Any]:
                     'sent': seen.sent.value if seen else '',
                     'connected': bool(seen and seen.connected),
                     'acknowledged': bool(seen and seen.acknowledged),
-                    'place': seen.place if seen else 0,
                 }
             )
         took = rehearsal.present
@@ -67,10 +66,9 @@ def picture(rehearsal: Rehearsal) -> dict[str, Any]:
             'paused': rehearsal.paused,
             'race': rehearsal.state.value,
             'track_open': bool(race and race.track.open),
-            'laps': rehearsal.plan.laps,
             'karts': karts,
             'person': field.person,
-            'radio': [f'{at * TICK_LENGTH:.0f} s: {text}' for at, text in field.messages[-6:]],
+            'radio': [f'{at * TICK_LENGTH:.0f} s: {text}' for at, text in field.messages[-3:]],
             'incident': took.incident if took else '',
             'incident_kart': took.kart if took else 0,
             'possible': [

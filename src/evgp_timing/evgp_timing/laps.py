@@ -429,16 +429,17 @@ class Laps:
             begun = 0.0 if self.format is Format.RACE else times[0]
             total = times[-1] - begun + sum(each.seconds for each in penalties)
         running = self.ended == math.inf and kart not in self.left
+        done = kart in self.finished or self.is_done(kart)
         if any(each.disqualified for each in penalties):
             status = Status.DISQUALIFIED
-        elif running and not (kart in self.finished or self.is_done(kart)):
+        elif running and not done:
             status = Status.RUNNING
         elif not lap_times:
             status = Status.NOT_CLASSIFIED
-        elif kart in self.finished or self.is_done(kart):
+        elif done or self.format is Format.PRACTICE:
             status = Status.CLASSIFIED
         else:
-            status = Status.CLASSIFIED if self.format is Format.PRACTICE else Status.DNF
+            status = Status.DNF
         return KartResult(kart, 0, status, laps, total, lap_times, penalties)
 
 

@@ -10,7 +10,6 @@ reports the device's condition, once a second.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import contextlib
 import dataclasses
 import math
@@ -30,7 +29,7 @@ from evgp_protocol import clock
 from evgp_rcs_msgs import msg
 from evgp_timing.account import Account
 from evgp_timing.contact import Contact, STUCK
-from evgp_timing.device import connect, control_line, Device, read, split
+from evgp_timing.device import connect, Device, read, split
 from evgp_timing.kinds import CONTACT, DECODERS
 from evgp_timing.passings import Event, Passing
 from rclpy.clock import Clock, ClockType
@@ -129,7 +128,7 @@ class TimingSource(StrictNode):
     def _follow(self, device: Device) -> None:
         """Publish the device's passings until this node ends or the device is gone."""
         if self._settings.kind == CONTACT:
-            self._follow_contact(control_line(device, self._settings.line))
+            self._follow_contact(device)
             return
         decoder, since = DECODERS[self._settings.kind](), clock.now()
         at_tcp = split(self._settings.device) is not None
@@ -142,10 +141,11 @@ class TimingSource(StrictNode):
             if at_tcp and self._is_silent(now, since):
                 return
 
-    def _follow_contact(self, is_active: Callable[[], bool]) -> None:
+    def _follow_contact(self, device: Device) -> None:
         contact = Contact(self._settings.debounce)
         while not self._ending.is_set():
-            broken, now = is_active() is not self._settings.inverted, clock.now()
+            is_active, now = bool(getattr(device, self._settings.line)), clock.now()
+            broken = is_active is not self._settings.inverted
             if contact.look(broken, now):
                 self._take(Passing(time_us=time.time_ns() // 1000), now)
             self._stuck = contact.is_stuck(now)

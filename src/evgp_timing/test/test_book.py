@@ -246,7 +246,7 @@ def test_a_timekeeper_that_restarted_in_a_race_keeps_its_times_after_a_start_of_
 
 
 def test_a_disk_that_takes_nothing_is_told_and_what_comes_later_is_written(
-    path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+    path: pathlib.Path,
 ) -> None:
     opened = Book(path)
     opened.write(TOLD)
