@@ -185,8 +185,7 @@ class KartWire:
 
     def reset(self) -> None:
         """Reset every connection (RST)."""
-        for link in self._links:
-            link.end('reset')
+        self.close('reset')
 
     def half_close(self) -> None:
         """Close our half of every connection and continue to listen."""

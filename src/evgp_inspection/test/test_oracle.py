@@ -97,20 +97,6 @@ def test_a_kart_that_moves_off_long_after_a_stop_is_found(
     assert STAYED[stop] in failed(trace(stop, 5.0, 0.1, 12.0, moves_off))
 
 
-@settings(max_examples=30)
-@given(STOPS, st.floats(0.5, 5.0), st.floats(0.2, 8.0), st.floats(2.5, 12.0))
-def test_the_oracle_finds_the_same_whenever_it_is_asked(
-    stop: RaceState | None, driven: float, late: float, braking: float
-) -> None:
-    events = trace(stop, driven, late, braking)
-    live = Oracle(LIMITS)
-    for event in events:
-        live.take(event)
-        assert live.moves <= len(live.breaches)
-    findings = live.findings()
-    assert findings == Oracle.of(events, LIMITS).findings()
-
-
 GAP = 2 * LIMITS.slack + 0.1
 
 

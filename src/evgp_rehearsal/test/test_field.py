@@ -5,13 +5,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 
 from evgp_protocol.states import RaceState
 from evgp_rehearsal.field import Fault, Field, TICK_LENGTH
 from evgp_rehearsal.incidents import can_begin, choose_kart, INCIDENTS, LASTS, script_of
-from evgp_rehearsal.plan import checked, Plan, PlanError, read_plan, Track
+from evgp_rehearsal.plan import Plan, PlanError, read_plan, Track
 import pytest
 
 SQUARE = Track(((0.0, 0.0), (30.0, 0.0), (30.0, 30.0), (0.0, 30.0)))
@@ -118,11 +117,6 @@ def test_karts_differ_by_the_seed_and_by_nothing_else() -> None:
 def test_a_plan_that_is_not_possible_is_refused(text: str) -> None:
     with pytest.raises(PlanError):
         read_plan(text)
-
-
-def test_a_plan_that_the_command_line_makes_impossible_is_refused() -> None:
-    with pytest.raises(PlanError):
-        checked(dataclasses.replace(Plan(SQUARE), karts=61))
 
 
 def test_incidents_of_the_command_line_do_not_cut_each_other_short() -> None:

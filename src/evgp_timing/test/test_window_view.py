@@ -101,13 +101,6 @@ def test_a_row_has_what_the_timekeeper_says_of_a_kart() -> None:
     )
 
 
-def test_a_kart_that_has_not_crossed_the_line_is_in_its_first_lap() -> None:
-    assert view.rows(race(result(9, 0)), TEAMS)[0].cells == (
-        *('', '9', '', '0', '', ''),
-        *('', '', 'lap 1'),
-    )
-
-
 def test_a_gap_is_in_laps_or_in_seconds_and_in_practice_between_best_laps() -> None:
     results = race(result(7, 1, 40.0, 40.0), result(3, 2, 41.0, 42.5), result(5, 3, 39.0))
     assert cell(results, 3, 'GAP') == '+3.500'
