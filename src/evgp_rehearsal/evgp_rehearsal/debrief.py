@@ -27,9 +27,6 @@ from evgp_rehearsal.field import Field, TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_timing.corrections import CORRECTIONS
 
-TOGETHER = 1.0
-"""Maximum time between two events that share a line, such as two lost connections, in seconds."""
-
 
 @dataclass(frozen=True)
 class Occurrence:
@@ -206,12 +203,12 @@ def _remarks(stamped: StampedEvent, truth: Truth) -> Iterator[str]:
 
 
 def _folded(lines: Iterable[_Line]) -> Iterator[_Line]:
-    """Yield the lines, joining those of karts to which the same thing happened together."""
+    """Yield the lines, joining those of karts to which the same thing happened within 1 s."""
     group: list[_Line] = []
     for line in (*lines, None):
         first = group[0] if group else None
         same = first and line and line.kind is not None and line.kind is first.kind
-        if first and line and same and line.at - first.at <= TOGETHER:
+        if first and line and same and line.at - first.at <= 1.0:
             group.append(line)
             continue
         if first:

@@ -55,9 +55,6 @@ import yaml
 BANNER = 'REHEARSAL'
 """Banner that every screen shows in a rehearsal."""
 
-AWAY = 1.0
-"""Time from the death of race control to its restart, in seconds."""
-
 HEAT = 'rehearsal'
 """Name of the roster's heat, which has the plan's laps."""
 
@@ -403,11 +400,11 @@ class Rehearsal(Part):
             self.dead.set()
 
     def _keep_race_control(self) -> None:
-        """Restart race control, whatever ended it, as ``make run`` does."""
+        """Restart race control after 1 s, whatever ended it, as ``make run`` does."""
         same_machine = {'port': self.control.port}
 
         def again() -> None:
-            time.sleep(AWAY)
+            time.sleep(1.0)
             self.control = self._race_control(same_machine)
 
         if not (self.dead.is_set() or self.control.runs) and (

@@ -189,7 +189,7 @@ class Laps:
                     return laps, [seen]
             others = len(rates) - (BY_HAND in rates)
             is_taken = source == BY_HAND or others < MOST_SOURCES
-            rate = rates.get(source, _Rate() if is_taken else _FULL)
+            rate = rates.get(source, _Rate(taken=0 if is_taken else MOST_A_RACE))
             if came - rate.since >= 1.0:
                 rate = rate._replace(since=came, lately=0)
             if rate.lately >= MAX_RATE or rate.taken >= MOST_A_RACE:
@@ -442,8 +442,6 @@ class Laps:
             status = Status.DNF
         return KartResult(kart, 0, status, laps, total, lap_times, penalties)
 
-
-_FULL = _Rate(taken=MOST_A_RACE)
 
 _GROUP = {Status.DNF: 1, Status.NOT_CLASSIFIED: 2, Status.DISQUALIFIED: 3}
 
