@@ -57,13 +57,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    qos_profile_services_default,
-    QoSProfile,
-    ReliabilityPolicy,
-)
+from rclpy.qos import qos_profile_services_default, QoSProfile
 
 _Read = TypeVar('_Read')
 
@@ -112,20 +106,7 @@ PRESENCE_PERIOD = 0.5
 """Time between two announcements of presence, in seconds. After 2 s without one, race control
 treats the program as gone."""
 
-ANNOUNCE_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=10,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
-"""QoS of ``rcs/presence``."""
-
-STOP_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
+STOP_QOS = QoSProfile(depth=1)
 """
 QoS of the clients that call the stops to more than one kart.
 
@@ -214,7 +195,7 @@ class Client:
         if there:
             with contextlib.suppress(RCLError):  # a spectators' screen has no permission
                 publish = self.node.create_publisher
-                self._there = publish(msg.Presence, 'rcs/presence', ANNOUNCE_QOS)
+                self._there = publish(msg.Presence, 'rcs/presence', 10)
         self.topic: str = self.node.resolve_topic_name('rcs/race')
         self._sources = Sources()
         self._began = RaceBegan()
