@@ -46,7 +46,6 @@ from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
 from evgp_rcs_console.commands import (
     Given,
-    PRESS_AGAIN,
     RaceBegan,
     request,
     Standing,
@@ -84,13 +83,16 @@ class Sources:
         self._last: int | None = None
         self._falls: deque[float] = deque(maxlen=2)
 
-    def hear(self, number: int, now: float) -> None:
-        """Record the sequence number of a snapshot, and when that snapshot arrived, in seconds."""
-        if self._last is not None and number <= self._last:
+    def are_two(self, number: int | None, now: float) -> bool:
+        """
+        Return whether there are two race controls.
+
+        :param number: sequence number of the snapshot that has just arrived; None if unknown.
+        :param now: when that snapshot arrived, in seconds.
+        """
+        if number is not None and self._last is not None and number <= self._last:
             self._falls.append(now)
         self._last = number
-
-    def are_two(self, now: float) -> bool:
         return len(self._falls) == 2 and now - self._falls[0] < WITHIN
 
 
@@ -226,7 +228,7 @@ class Client:
         self._given.put(presence)
 
     def wait_for(self, command: Kind, seconds: float) -> bool:
-        """Wait for a command's service; return whether it was found within the time (s)."""
+        """Wait for a command's service; return whether it was found within so many seconds."""
         return bool(self._services[CATALOGUE[command].service].wait_for_service(seconds))
 
     def close(self) -> None:
@@ -241,8 +243,10 @@ class Client:
 
     def _send(self) -> None:
         while True:
+            with self._lock:
+                wait = self._standing.next_press(now())
             with contextlib.suppress(queue.Empty):
-                given = self._given.get(timeout=self._wake())
+                given = self._given.get(timeout=wait)
                 if given is None:
                     return
                 if isinstance(given, msg.Presence):
@@ -265,13 +269,6 @@ class Client:
             if not self.node.count_services(self.node.resolve_service_name('rcs/all_kill')):
                 presence.fault = presence.fault or "it cannot find race control's services"
             self._there.publish(presence)
-
-    def _wake(self) -> float | None:
-        with self._lock:
-            press = self._standing.next_press(now())
-            if press is None:
-                return PRESS_AGAIN if self._waiting else None
-            return press
 
     def _press(self) -> None:
         with self._lock:
@@ -321,15 +318,13 @@ class Client:
             if given is None or future.cancelled():
                 return
             answer = Answer(future.result().success, self._say(future.result().message))
-            waited = self._standing.waits(given)
             if answer.success:
                 ended = self._standing.accepted(given)
             else:
                 # By the rules, race control refuses a stop only for a kart that is not in its
                 # roster. After any other failure, the stop is not in force and is sent again.
                 unknown = self._karts is not None and given.kart not in {0, *self._karts}
-                self._standing.refused(given, answer.message, final=unknown)
-                ended = waited and unknown
+                ended = self._standing.refused(given, answer.message, final=unknown)
             if ended:
                 self._listener.on_pressing(self._standing.pressed)
             follows = given.followed_by() if answer.success else None
@@ -347,10 +342,7 @@ class Client:
 
     def _hear_race(self, message: msg.Race, info: dict[str, Any]) -> None:
         at = now()
-        number = info.get('publication_sequence_number')
-        if number is not None:
-            self._sources.hear(number, at)
-        two = self._sources.are_two(at)
+        two = self._sources.are_two(info.get('publication_sequence_number'), at)
         race = self._read(lambda: value_of(message, Snapshot, self._say))
         if race is None:
             return
