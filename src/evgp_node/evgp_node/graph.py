@@ -148,12 +148,8 @@ class NotNowError(GraphError):
     """The graph cannot be bound as required now, but perhaps later."""
 
 
-def refuse_domain() -> None:
-    """
-    Refuse a ROS domain for which DDS has no ports. ROS itself refuses text that is not a number.
-
-    :raises GraphError: if ROS_DOMAIN_ID is such a domain.
-    """
+def _refuse_domain() -> None:
+    """Refuse a ROS domain without UDP ports. ROS itself refuses text that is not a number."""
     given = os.environ.get(DOMAIN, '')
     with contextlib.suppress(ValueError):
         if not 0 <= int(given, 0) <= LAST_DOMAIN:
@@ -174,7 +170,7 @@ def bind_graph() -> None:
     :raises GraphError: if no interface can have that address, if the ROS domain does not exist, or
         if this function cannot configure the ROS middleware.
     """
-    refuse_domain()
+    _refuse_domain()
     interface = _named_interface()
     middleware = get_rmw_implementation_identifier()
     if not middleware.startswith(('rmw_fastrtps', 'rmw_cyclonedds')):
@@ -342,7 +338,7 @@ class Inbox:
 
 def reachable_at() -> tuple[str, ...]:
     """
-    Return the IPv4 addresses at which other programs can reach the graph of this process.
+    Return the IPv4 addresses at which other machines can reach the graph of this process.
 
     They are read from the UDP sockets and from the kernel's filters on them. `EVERY` means every
     address of this machine.
@@ -363,7 +359,8 @@ def reachable_at() -> tuple[str, ...]:
                 addresses.add(EVERY)
             else:
                 addresses.update(*(index.get(number, []) for number in through))
-    return tuple(sorted(addresses, key=ipaddress.IPv4Address))
+    beyond = [each for each in addresses if not ipaddress.IPv4Address(each).is_loopback]
+    return tuple(sorted(beyond, key=ipaddress.IPv4Address))
 
 
 def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
@@ -379,11 +376,10 @@ def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
     """
     if accepted or is_security_enforced() or ipaddress.IPv4Address(kart_address).is_loopback:
         return
-    beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
     names = interfaces()
     meeting = [
         each
-        for each in beyond
+        for each in reachable_at()
         if EVERY in (each, kart_address)
         or each == kart_address
         or names.get(each, each) == names.get(kart_address, kart_address)
@@ -400,13 +396,18 @@ def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
     )
 
 
+def reachable_in_words() -> str:
+    """Return the addresses of `reachable_at` as text; empty if there are none."""
+    beyond = reachable_at()
+    return 'every address of this machine' if EVERY in beyond else ' and '.join(beyond)
+
+
 def where_reachable() -> str:
     """Return a sentence that says where the graph of this process can be reached."""
     graph = f'The ROS graph of domain {os.environ.get(DOMAIN) or 0}'
-    beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
-    if not beyond:
+    at = reachable_in_words()
+    if not at:
         return f'{graph} can be reached only from this machine'
-    at = 'every address of this machine' if EVERY in beyond else ' and '.join(beyond)
     secured = ', and requires keys (SROS2)' if is_security_enforced() else ''
     return f'{graph} can be reached from other machines, at {at}{secured}'
 

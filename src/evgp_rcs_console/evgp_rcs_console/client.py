@@ -18,7 +18,6 @@ from collections import deque
 from collections.abc import Callable, Iterable
 import contextlib
 import functools
-import ipaddress
 import math
 import queue
 import re
@@ -27,7 +26,7 @@ from typing import Any, Protocol, TypeVar
 import uuid
 
 from evgp_node.codec import value_of
-from evgp_node.graph import EVERY, fence_graph, reachable_at
+from evgp_node.graph import fence_graph, reachable_in_words
 from evgp_node.official import MOST_OF_NAME
 from evgp_node.process import wait_until_heard
 from evgp_node.qos import latched
@@ -398,9 +397,6 @@ def domain_of() -> int:
 
 def looking(topic: str) -> str:
     """Return a phrase that says where a client looks for race control."""
-    beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
-    where = 'on this machine only (OFFICIALS= is not set)'
-    if beyond:
-        addresses = 'every address of this machine' if EVERY in beyond else ' and '.join(beyond)
-        where = f'at {addresses}'
+    at = reachable_in_words()
+    where = f'at {at}' if at else 'on this machine only (OFFICIALS= is not set)'
     return f'{topic} in ROS domain {domain_of()}, {where}'
