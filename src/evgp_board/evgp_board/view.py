@@ -267,15 +267,9 @@ def _gap(result: KartResult, results: Standings) -> str:
 
 
 def _taken(result: KartResult) -> list[str]:
-    """Return the penalties in a result, without the officials' names."""
-    taken = []
-    for each in result.penalties:
-        taken += [f'+{each.seconds} s'] if each.seconds else []
-        taken += [f'-{each.laps} laps'] if each.laps else []
-        taken += ['disqualified'] * (
-            each.disqualified and result.status is not Status.DISQUALIFIED
-        )
-    return taken
+    """Return the penalties in a result, without reasons, names and what its status says."""
+    status = STATUS[result.status]
+    return [cost for each in result.penalties for cost in each.costs if cost != status]
 
 
 def _does(kart: KartSnapshot, result: KartResult, results: Standings) -> str:

@@ -97,13 +97,16 @@ class Penalty(NamedTuple):
     reason: str
     official: str
 
+    @property
+    def costs(self) -> list[str]:
+        """Return what the penalty takes from the kart's result, as texts."""
+        costs = [f'+{self.seconds} s'] * bool(self.seconds)
+        costs += [f'-{self.laps} laps'] * bool(self.laps)
+        return costs + ['disqualified'] * self.disqualified
+
     def __str__(self) -> str:
         """Return the penalty and its reason as text."""
-        costs = [f'+{self.seconds} s'] * bool(self.seconds) + [f'-{self.laps} laps'] * bool(
-            self.laps
-        )
-        costs += ['disqualified'] * self.disqualified
-        return f'{", ".join(costs)}: {self.reason}'
+        return f'{", ".join(self.costs)}: {self.reason}'
 
 
 class Status(enum.Enum):
@@ -186,8 +189,7 @@ class Correction(NamedTuple):
         what = [self.act.value, f'kart {self.kart}' * bool(self.kart)]
         what.append(f'passing {self.passing}' * bool(self.passing.source))
         what.append(f'transponder {self.transponder}' * bool(self.transponder))
-        what += [f'+{self.seconds} s' * bool(self.seconds), f'-{self.laps} laps' * bool(self.laps)]
-        what.append('disqualified' * self.disqualified)
+        what += Penalty(0, self.seconds, self.laps, self.disqualified, '', '').costs
         return f'{", ".join(filter(None, what))}{f": {self.reason}" if self.reason else ""}'
 
 

@@ -73,7 +73,6 @@ class StopButton(StrictNode):
         self._due = 0.0
         self._heard = Hearing()
         self._given: Given | None = None
-        self._since = 0.0
         self._dropped, self._dropped_at = '', -math.inf
         self._client = Client(
             'rcs_button_calls',
@@ -108,15 +107,8 @@ class StopButton(StrictNode):
             self._on_failure(error)
 
     def _kill(self) -> None:
-        at = now()
-        self._since = at if self._is_accepted() else self._since
-        self._given = Given(CommandKind.ALL_KILL, official=self._signature.claim, at=at)
+        self._given = Given(CommandKind.ALL_KILL, official=self._signature.claim)
         self._client.give(self._given)  # send first, report afterwards
-
-    def _is_accepted(self) -> bool:
-        """Return whether race control has accepted the last press."""
-        answer = self._heard.answer
-        return self._given is None or (answer is not None and answer[0] is self._given)
 
     def _take_dropped(self, at: float) -> None:
         """If the last press was dropped, report it; a button that is still held presses again."""
@@ -135,7 +127,7 @@ class StopButton(StrictNode):
         self._take_dropped(at)
         if at - self._dropped_at < DROPPED_FOR:
             trouble = trouble or self._dropped
-        elif not self._is_accepted() and at - self._since >= ACCEPTED_WITHIN:
+        elif any(at - stop.since >= ACCEPTED_WITHIN for stop in self._heard.standing):
             trouble = trouble or 'Race control has not accepted ALL KILL yet. USE THE MSR'
         elif not self._client.wait_for(CommandKind.ALL_KILL, 0.0):
             trouble = trouble or 'Race control is not found, so a press does not stop the race'

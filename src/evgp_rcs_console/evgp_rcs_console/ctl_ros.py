@@ -74,8 +74,7 @@ class Hearing(Latest):
             self.answer = given, answer
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
-        if stops:
-            self.standing = stops
+        self.standing = stops
 
     def on_dropped(self, given: Given, why: str) -> None:
         with self._hears():
