@@ -32,11 +32,9 @@ from evgp_node.results import Standings, TIMING_GONE
 from evgp_protocol import clock
 from evgp_rcs.ros.messages import event_of, race_of
 from evgp_rcs.rules.snapshot import Snapshot
+from evgp_rcs.words import GONE_AFTER
 from evgp_rcs_msgs import msg
 from rclpy.serialization import deserialize_message
-
-GONE_AFTER = 0.9
-"""Time without a message after which race control counts as gone, in seconds."""
 
 MOST_LOGGED = 8
 """Maximum number of lines about one kart. The board drops older lines."""
