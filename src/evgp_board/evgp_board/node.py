@@ -30,7 +30,7 @@ from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
 from evgp_node.results import Standings, TIMING_GONE
 from evgp_protocol import clock
-from evgp_rcs.ros.messages import event_of, race_of
+from evgp_rcs.ros.messages import event_of
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import GONE_AFTER
 from evgp_rcs_msgs import msg
@@ -152,7 +152,7 @@ class BoardNode(StrictNode):
         if [*map(id, shown)] != [*map(id, self._shown)]:
             race = None
             with contextlib.suppress(ValueError):  # it does not fit this race control
-                race = race_of(deserialize_message(message, msg.Race))
+                race = value_of(deserialize_message(message, msg.Race), Snapshot)
                 refuse_karts_network(self._address, race)
             self._shown, self._heard = shown, Heard(race, results, gone, no_timing, log)
         return Now(self._heard, at - came)
