@@ -21,7 +21,6 @@ import time
 from ament_index_python.packages import get_package_prefix
 from evgp_node.official import UNNAMED
 from evgp_node.results import Act
-from evgp_node.services import service_class
 from evgp_node.stamps import seconds_of
 from evgp_node.states import state_of
 from evgp_protocol.clock import now
@@ -41,6 +40,7 @@ from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.ctl import TIDY
 from evgp_rcs_console.ctl_ros import Hearing
 from evgp_rcs_console.texts import SETTLING
+from evgp_rcs_msgs import srv
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
@@ -367,7 +367,7 @@ def never_answers(
     asked, answering = threading.Event(), threading.Event()
     parts.callback(answering.set)
     entry = next(each for each in CATALOGUE.values() if each.service == service)
-    kind = service_class(entry.service_type)
+    kind = getattr(srv, entry.service_type)
 
     def answer(request: object, response: object) -> object:
         asked.set()

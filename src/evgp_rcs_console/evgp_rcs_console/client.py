@@ -32,7 +32,6 @@ from evgp_node.process import wait_until_heard
 from evgp_node.qos import latched
 from evgp_node.rclpy_private import RCLError
 from evgp_node.results import Standings
-from evgp_node.services import service_class
 from evgp_node.spinning import Spinning
 from evgp_node.states import state_message
 from evgp_protocol.clock import now
@@ -50,7 +49,7 @@ from evgp_rcs_console.commands import (
     Standing,
     StandingStops,
 )
-from evgp_rcs_msgs import msg
+from evgp_rcs_msgs import msg, srv
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
@@ -181,7 +180,7 @@ class Client:
             if entry.service not in self._services:
                 alone = entry.stop and not entry.to_one_kart
                 self._services[entry.service] = self.node.create_client(
-                    service_class(entry.service_type),
+                    getattr(srv, entry.service_type),
                     f'rcs/{entry.service}',
                     qos_profile=STOP_QOS if alone else qos_profile_services_default,
                 )
@@ -388,7 +387,7 @@ def request_message(given: Given) -> Any:
         name: state_message(given.hold) if name == 'hold' else value
         for name, value in request(given, now()).items()
     }
-    return service_class(CATALOGUE[given.command].service_type).Request(**fields)
+    return getattr(srv, CATALOGUE[given.command].service_type).Request(**fields)
 
 
 def domain_of() -> int:

@@ -38,11 +38,10 @@ from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
 from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Passing, Standings
 from evgp_node.roster import load_roster, RosterError
-from evgp_node.services import service_class
 from evgp_node.stamps import seconds_of
 from evgp_node.stream import BOOK, Gap
 from evgp_protocol import clock
-from evgp_rcs_msgs import msg
+from evgp_rcs_msgs import msg, srv
 from evgp_rcs_msgs.srv import KartFinish
 from evgp_timing.book import Book, BookError
 from evgp_timing.corrections import CORRECTIONS
@@ -215,7 +214,7 @@ class Timekeeper(StrictNode):
         for act, entry in CORRECTIONS.items():
             if act is not Act.RESTORE:
                 name = entry.service.removeprefix(OF_TIMEKEEPER)
-                self._offer(name, service_class(entry.service_type), act)
+                self._offer(name, getattr(srv, entry.service_type), act)
         subscribe = self.create_subscription
         subscribe(msg.RaceEvents, 'events', self._alone(self._hear), EVENTS_QOS)
         subscribe(msg.Passing, 'passings', self._alone(self._see), ARRIVING_QOS)

@@ -44,7 +44,6 @@ from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.rclpy_private import RCLError
 from evgp_node.roster import RosterError
-from evgp_node.services import service_class
 from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_rcs.karts import priority
@@ -60,7 +59,7 @@ from evgp_rcs.ros.settings import read_roster, read_settings
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs.rules.race import Answer, Command
 from evgp_rcs.rules.snapshot import Snapshot
-from evgp_rcs_msgs import msg
+from evgp_rcs_msgs import msg, srv
 from evgp_rcs_msgs.srv import SignOfLife
 from rclpy.duration import Infinite
 from rclpy.node import Node
@@ -385,7 +384,7 @@ class RcsNode(StrictNode):
         # At the other nodes, the service has the name that it would have at this node, even if
         # this node is remapped.
         own = f'~/{name}' if node is self else self.resolve_service_name(f'~/{name}')
-        service = service_class(CATALOGUE[kinds[0]].service_type)
+        service = getattr(srv, CATALOGUE[kinds[0]].service_type)
         node.create_service(service, own, serve, qos_profile=SERVICE_QOS)
 
     def _command(self, command: Command) -> Answer:
