@@ -27,7 +27,7 @@ import struct
 import tempfile
 import threading
 
-from evgp_node.network_cards import cards
+from evgp_node.network_cards import Card, cards
 from rclpy.utilities import get_rmw_implementation_identifier
 
 INTERFACE = 'EVGP_GRAPH_INTERFACE'
@@ -253,7 +253,7 @@ def _fence(named: str) -> None:
     """Restrict each UDP socket to loopback and the interface that has this address, if any."""
     indices = [socket.if_nametoindex('lo')]
     with contextlib.suppress(KeyError, OSError):  # the interface was unplugged
-        indices.append(socket.if_nametoindex(interfaces()[named]))
+        indices.append(interfaces()[named].number)
     with udp_sockets() as found:
         for each, bound in found:
             _attach_filter(each, indices)
@@ -263,8 +263,9 @@ def _fence(named: str) -> None:
 
 def keep_to_interface(server: socket.socket, address: str) -> None:
     """Restrict a TCP server to loopback and the interface that has this address now."""
-    name = interfaces().get(address, 'lo')
-    _attach_filter(server, [socket.if_nametoindex(each) for each in {'lo', name}])
+    card = interfaces().get(address)
+    loopback = socket.if_nametoindex('lo')
+    _attach_filter(server, [loopback if card is None else card.number, loopback])
 
 
 def network_of(address: str) -> ipaddress.IPv4Network | None:
@@ -343,11 +344,7 @@ def reachable_at() -> tuple[str, ...]:
     They are read from the UDP sockets and from the kernel's filters on them. `EVERY` means every
     address of this machine.
     """
-    names = interfaces()
-    index: dict[int, list[str]] = {}
-    for address, name in names.items():
-        with contextlib.suppress(OSError):  # the interface has gone
-            index.setdefault(socket.if_nametoindex(name), []).append(address)
+    there = interfaces()
     addresses: set[str] = set()
     with udp_sockets() as found:
         for each, bound in found:
@@ -358,7 +355,7 @@ def reachable_at() -> tuple[str, ...]:
             if through is None:
                 addresses.add(EVERY)
             else:
-                addresses.update(*(index.get(number, []) for number in through))
+                addresses.update(own for own, card in there.items() if card.number in through)
     beyond = [each for each in addresses if not ipaddress.IPv4Address(each).is_loopback]
     return tuple(sorted(beyond, key=ipaddress.IPv4Address))
 
@@ -376,13 +373,13 @@ def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
     """
     if accepted or is_security_enforced() or ipaddress.IPv4Address(kart_address).is_loopback:
         return
-    names = interfaces()
+    there = interfaces()
     meeting = [
         each
         for each in reachable_at()
         if EVERY in (each, kart_address)
         or each == kart_address
-        or names.get(each, each) == names.get(kart_address, kart_address)
+        or there.get(each, each) == there.get(kart_address, kart_address)
     ]
     if not meeting:
         return
@@ -514,9 +511,9 @@ _RETURN = 0x06  # BPF_RET | BPF_K
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
-def interfaces() -> dict[str, str]:
-    """Return the names of this machine's interfaces by their IPv4 addresses."""
-    return {str(each.ip): card.name for card in cards() for each in card.addresses}
+def interfaces() -> dict[str, Card]:
+    """Return this machine's interfaces by their IPv4 addresses."""
+    return {str(each.ip): card for card in cards() for each in card.addresses}
 
 
 @contextlib.contextmanager
