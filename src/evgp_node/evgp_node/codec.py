@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Callable
 import enum
 import functools
-import importlib
 import math
 import types
 from typing import Any, get_args, get_origin, get_type_hints, TypeVar
@@ -96,7 +95,7 @@ def _both(name: str, hint: Any, slot: str) -> tuple[_Write, _Read]:
     if kind is RaceState:
         return lambda state, _: state_message(state), _read_state if optional else _read_some_state
     if slot.startswith('sequence<') and '/' in slot:
-        one, inner = _class_of(slot[9:-1]), get_args(kind)[0]
+        one, inner = getattr(msg, slot[9:-1].split('/')[1]), get_args(kind)[0]
         return (
             lambda values, wall: [_image(each, inner, one, wall) for each in values],
             lambda messages, said: tuple(value_of(each, inner, said) for each in messages),
@@ -104,7 +103,7 @@ def _both(name: str, hint: Any, slot: str) -> tuple[_Write, _Read]:
     if slot.startswith('sequence<'):
         return lambda values, _: list(values), lambda values, _: tuple(values)
     if '/' in slot:
-        one = _class_of(slot)
+        one = getattr(msg, slot.split('/')[1])
         return (
             lambda value, wall: _image(value, kind, one, wall),
             lambda message, said: value_of(message, kind, said),
@@ -134,12 +133,6 @@ def constants_of(kind: type[enum.Enum]) -> Any:
         for each in vars(msg).values()
         if isinstance(each, type) and all(hasattr(each, member.name) for member in kind)
     )
-
-
-def _class_of(slot: str) -> type[Any]:
-    package, name = slot.split('/')
-    found: type[Any] = getattr(importlib.import_module(f'{package}.msg'), name)
-    return found
 
 
 def _known(values: dict[Any, Any], number: int, kind: type[enum.Enum]) -> Any:
