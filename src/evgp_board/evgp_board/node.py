@@ -25,7 +25,7 @@ from evgp_board.server import Now, Server
 from evgp_board.view import Heard, Line, line_of
 from evgp_node.codec import value_of
 from evgp_node.graph import EVERY, keep_to_interface, network_of, where_reachable
-from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
+from evgp_node.parameters import check_address, ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
 from evgp_node.results import Standings, TIMING_GONE
@@ -65,14 +65,13 @@ class BoardNode(StrictNode):
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         super().__init__('board', **{'namespace': 'rcs', **node_options})
-        parameters = Parameters(self)
-        self._address = parameters.declare(
+        self._address = self.declare(
             'address',
             '127.0.0.1',
             "This machine's address for viewers, never one on the karts' network.",
         )
-        port = parameters.declare('port', 8080, 'TCP port of the pages.', (1, 65535))
-        parameters.refuse_unknown()
+        port = self.declare('port', 8080, 'TCP port of the pages.', (1, 65535))
+        self.refuse_unknown()
         check_address('address', self._address)
         if self._address == EVERY:
             raise ParameterError(

@@ -20,7 +20,7 @@ import threading
 from typing import Any
 
 from evgp_node.graph import where_reachable
-from evgp_node.parameters import ParameterError, Parameters, StrictNode
+from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_protocol.clock import now
 from evgp_rcs.rules.catalogue import CommandKind
@@ -66,7 +66,7 @@ class StopButton(StrictNode):
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         super().__init__('rcs_button', **node_options)
-        self._settings = read_settings(Parameters(self))
+        self._settings = read_settings(self)
         self._signature = Signature(self._settings.official, os.getpid())
         self._presses = PressCounter(self._settings.key)
         self._said = ('?', 0)
@@ -146,19 +146,19 @@ class StopButton(StrictNode):
         self._client.announce(self._signature.name, fault, self._presses.count)
 
 
-def read_settings(parameters: Parameters) -> ButtonSettings:
+def read_settings(node: StrictNode) -> ButtonSettings:
     """
     Declare every parameter of the node.
 
     :raises ParameterError: if a parameter is wrong.
     """
-    declare = parameters.declare
+    declare = node.declare
     settings = ButtonSettings(
         device=declare('device', '', 'Path of the device, by a name that never changes.'),
         key=declare('key', 0, 'Code of the only key that sends ALL KILL; 0: every key.', (0, 767)),
         official=declare('official', '', 'Official at the button; empty: the saved name.'),
     )
-    parameters.refuse_unknown()
+    node.refuse_unknown()
     if not settings.device.startswith('/'):
         raise ParameterError(
             'parameter device: give a path such as /dev/input/by-id/...; rcs_button test lists all'

@@ -33,7 +33,7 @@ from evgp_node.entries import OF_TIMEKEEPER
 from evgp_node.folder import rcs_folder
 from evgp_node.graph import where_reachable
 from evgp_node.official import heard, tidy, TIMEKEEPER
-from evgp_node.parameters import ParameterError, Parameters, StrictNode
+from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
 from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Passing, Standings
@@ -184,7 +184,7 @@ class Timekeeper(StrictNode):
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         """Restore this event's races from the book and start to listen."""
         super().__init__('timekeeper', **{'namespace': 'rcs', **node_options})
-        settings = read_settings(Parameters(self))
+        settings = read_settings(self)
         self._on_failure = on_failure
         self._settings = settings
         roster = read_roster(settings.roster)
@@ -416,13 +416,13 @@ def _asked_for(act: Act, request: Any) -> Correction:
     return Correction(act, heard(request.official), **taken)
 
 
-def read_settings(parameters: Parameters) -> Settings:
+def read_settings(node: StrictNode) -> Settings:
     """
     Declare every parameter of the node, and return the values.
 
     :raises ParameterError: if a parameter is wrong.
     """
-    declare, default = parameters.declare, LapSettings
+    declare, default = node.declare, LapSettings
     roster = declare('roster', '', "Race control's roster: the file that lists the karts.")
     book = declare('book', '', 'The book, a file. Empty: evgp_rcs/timing.sqlite3 in ROS_HOME.')
     settings = LapSettings(
@@ -444,7 +444,7 @@ def read_settings(parameters: Parameters) -> Settings:
             (0.01, 10),
         ),
     )
-    parameters.refuse_unknown(own_file=True)
+    node.refuse_unknown(own_file=True)
     if settings.first_crossing not in ('starts', 'ends'):
         raise ParameterError(
             f'parameter first_crossing: {settings.first_crossing!r} is not valid. Set starts or '

@@ -40,7 +40,7 @@ from evgp_node.graph import (
     where_reachable,
 )
 from evgp_node.official import heard, tidy
-from evgp_node.parameters import ParameterError, Parameters, StrictNode
+from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.rclpy_private import RCLError
 from evgp_node.roster import RosterError
@@ -125,27 +125,26 @@ class RcsNode(StrictNode):
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         """Read the parameters and the roster, start the kart server, and offer the services."""
         super().__init__('rcs', **node_options)
-        parameters = Parameters(self)
-        accept_open_graph = parameters.declare(
+        accept_open_graph = self.declare(
             'accept_open_graph',
             False,
             'Accept that the ROS graph can be reached from where karts connect, without SROS2. '
             "Anyone on the karts' network can then start karts (docs/security.md).",
         )
-        self._banner = parameters.declare(
+        self._banner = self.declare(
             'banner',
             '',
             'Text at the top of every screen and at the beginning of every answer, such as '
             'REHEARSAL. Empty means none. People take the text to mean that no race is under way, '
             'so never set it for a race.',
         )
-        officials = parameters.declare(
+        officials = self.declare(
             'officials',
             [''],
             "Names of the event's officials. A window offers them to whoever sends commands "
             'from it.',
         )
-        begin = read_settings(parameters)
+        begin = read_settings(self)
         self._roster = str(self.get_parameter('roster').value)
         refuse_open_graph(begin.settings.host, accepted=accept_open_graph)
         self._claim = claim_the_graph(self)
