@@ -54,7 +54,6 @@ class Identity(NamedTuple):
     number: int
 
     def __str__(self) -> str:
-        """Return the passing's name for officials."""
         return f'{self.source} {self.number}'
 
 
@@ -73,7 +72,6 @@ class Passing(NamedTuple):
 
     @property
     def identity(self) -> Identity:
-        """Return the identity of the passing."""
         return Identity(*self[:3])
 
 
@@ -88,8 +86,6 @@ class Mark(enum.Enum):
 
 
 class Penalty(NamedTuple):
-    """A penalty that an official gave to a kart."""
-
     kart: int
     seconds: int
     laps: int
@@ -105,7 +101,6 @@ class Penalty(NamedTuple):
         return costs + ['disqualified'] * self.disqualified
 
     def __str__(self) -> str:
-        """Return the penalty and its reason as text."""
         return f'{", ".join(self.costs)}: {self.reason}'
 
 
@@ -120,8 +115,6 @@ class Status(enum.Enum):
 
 
 class KartResult(NamedTuple):
-    """The result of one kart."""
-
     kart: int
     place: int
     status: Status
@@ -185,7 +178,6 @@ class Correction(NamedTuple):
     reason: str = ''
 
     def __str__(self) -> str:
-        """Return the correction and its reason as text."""
         what = [self.act.value, f'kart {self.kart}' * bool(self.kart)]
         what.append(f'passing {self.passing}' * bool(self.passing.source))
         what.append(f'transponder {self.transponder}' * bool(self.transponder))

@@ -60,7 +60,6 @@ class Gap(NamedTuple):
     damaged: bool = False
 
     def __str__(self) -> str:
-        """Return the gap as a clause."""
         many = {0: 'entries are', 1: '1 entry is'}.get(self.entries, f'{self.entries} entries are')
         return f'{many} missing: {self.why}'
 

@@ -115,7 +115,6 @@ def shows(race: Snapshot, given: Given) -> bool:
 
 
 def shows_result(result: Result, race: Snapshot, kart: KartSnapshot | None) -> bool:
-    """Return whether a snapshot shows the result of a command."""
     shown = []
     if result.race:
         shown.append(race.state in result.race)
