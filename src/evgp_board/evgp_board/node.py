@@ -21,7 +21,7 @@ import sys
 import threading
 from typing import Any
 
-from evgp_board.server import Now, Server
+from evgp_board.server import Server
 from evgp_board.view import Heard, Line, line_of
 from evgp_node.codec import value_of
 from evgp_node.graph import EVERY, keep_to_interface, network_of, where_reachable
@@ -136,15 +136,15 @@ class BoardNode(StrictNode):
         finally:
             self._listening.close()
 
-    def _look(self, at: float) -> Now:
+    def _look(self, at: float) -> Heard:
         """
-        Return the data to show.
+        Return the messages to show.
 
         :raises PlaceError: if the board is on the karts' network.
         """
         keep_to_interface(self._listening, self._address)  # it may have been replugged
         if self._race is None:
-            return Now(self._heard, None)
+            return self._heard
         (message, came), (results, timed), log = self._race, self._results, self._log
         gone, no_timing = at - came >= GONE_AFTER, at - timed >= TIMING_GONE
         shown = message, results, log, gone, no_timing
@@ -153,8 +153,8 @@ class BoardNode(StrictNode):
             with contextlib.suppress(ValueError):  # it does not fit this race control
                 race = value_of(deserialize_message(message, msg.Race), Snapshot)
                 refuse_karts_network(self._address, race)
-            self._shown, self._heard = shown, Heard(race, results, gone, no_timing, log)
-        return Now(self._heard, at - came)
+            self._shown, self._heard = shown, Heard(race, results, gone, no_timing, log, came)
+        return self._heard
 
 
 def listen(address: str, port: int) -> socket.socket:

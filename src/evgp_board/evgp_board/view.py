@@ -70,6 +70,7 @@ class Heard:
     :param gone: whether race control is silent.
     :param no_timing: whether the timekeeper is silent.
     :param log: the events of each kart, oldest first.
+    :param came: when race control's last message came, in seconds.
     """
 
     race: Snapshot | None = None
@@ -77,6 +78,7 @@ class Heard:
     gone: bool = False
     no_timing: bool = False
     log: Mapping[int, tuple[Line, ...]] = field(default_factory=dict)
+    came: float = 0.0
 
 
 def board(heard: Heard) -> Shown:
