@@ -36,15 +36,6 @@ from evgp_rcs.words import GONE_AFTER
 from evgp_rcs_msgs import msg
 from rclpy.serialization import deserialize_message
 
-MOST_LOGGED = 8
-"""Maximum number of lines about one kart. The board drops older lines."""
-
-BOARD_NICENESS = 5
-"""Niceness of the board, so that programs that command or serve karts run first."""
-
-ACCEPT_QUEUE = 128
-"""Maximum number of connections that wait until the server accepts them."""
-
 
 class PlaceError(RuntimeError):
     """The board must not listen at its address. The text says why, and what to do."""
@@ -123,7 +114,7 @@ class BoardNode(StrictNode):
             # After a network failure, the last events come again.
             if line is not None and not (this[0] <= last[0] and this[1] <= last[1]):
                 self._last_event = this
-                log[kart] = (*log.get(kart, ()), line)[-MOST_LOGGED:]
+                log[kart] = (*log.get(kart, ()), line)[-8:]  # as many as a phone shows
         self._log = log
 
     # ----- in the server's thread ---------------------------------------------------------
@@ -169,7 +160,7 @@ def listen(address: str, port: int) -> socket.socket:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind((address, port))
         keep_to_interface(listening, address)
-        listening.listen(ACCEPT_QUEUE)
+        listening.listen(128)  # connections may wait until the server accepts them
     except OSError as error:
         listening.close()
         if error.errno == errno.EADDRNOTAVAIL:
@@ -207,7 +198,7 @@ def refuse_karts_network(address: str, race: Snapshot) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM and return the exit code of `run_node`."""
-    os.nice(BOARD_NICENESS)
+    os.nice(5)  # programs that command or serve karts run first
     refusals, obstacles = (ParameterError, PlaceError), (InTheWayError,)
     return run_node('board', BoardNode, refusals, args, obstacles)
 
