@@ -18,7 +18,6 @@ import sys
 import threading
 import time
 
-from ament_index_python.packages import get_package_prefix
 from evgp_node.official import UNNAMED
 from evgp_node.results import Act
 from evgp_node.stamps import seconds_of
@@ -45,7 +44,7 @@ from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
 from evgp_testing.part import Part, PATIENCE
-from evgp_testing.process import freeze
+from evgp_testing.process import executable, freeze
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import bound, joined, RosSide
 from evgp_testing.wire_kart import Acknowledges
@@ -80,14 +79,9 @@ def lasting(the_desk: Desk) -> RaceControl:
     return the_desk.control
 
 
-def executable() -> list[str]:
-    package = 'evgp_rcs_console'
-    return [str(pathlib.Path(get_package_prefix(package), 'lib', package, 'rcs_ctl'))]
-
-
 def start(domain: int, *words: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [*executable(), *words],
+        [executable('evgp_rcs_console', 'rcs_ctl'), *words],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -109,7 +103,8 @@ def run(domain: int, *words: str) -> subprocess.CompletedProcess[str]:
 
 def at_terminal(domain: int, *words: str) -> Terminal:
     """Start `rcs_ctl` as an official does, at a terminal."""
-    return Terminal([*executable(), *words], {'ROS_DOMAIN_ID': str(domain)})
+    command = executable('evgp_rcs_console', 'rcs_ctl')
+    return Terminal([command, *words], {'ROS_DOMAIN_ID': str(domain)})
 
 
 class Lines(Part):

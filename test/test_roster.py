@@ -10,6 +10,7 @@ import pathlib
 import re
 
 from evgp_node.roster import (
+    CUT,
     Heat,
     load_roster,
     MAX_BYTES,
@@ -218,9 +219,6 @@ def test_every_way_to_say_false_in_yaml_keeps_a_kart_out_of_the_race(word: str) 
 )
 def test_a_file_that_is_no_list_of_karts_is_refused(text: str, fault: str) -> None:
     assert fault_of(text).startswith(f'karts.yaml:{fault}')
-
-
-CUT = "' #' begins a comment and cuts off the rest; "
 
 
 @pytest.mark.parametrize(
