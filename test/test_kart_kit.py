@@ -386,6 +386,8 @@ FAULTS = [
     ('EVGP_GRID_ACTIVE && !kart->out) {', 'EVGP_GRID_ACTIVE) {'),
     ('stop != 0 || (int)source != own', 'stop != 0'),
     ('    if (count > SIZE_MAX / 2U) {', '    if (0) {'),
+    ('kart->heard_at = kart->turn_before', 'kart->heard_at = kart->turn'),
+    ('    kart->turn_before = now;\n', ''),
     ('EVGP_IN_GARAGE = 1', 'EVGP_IN_GARAGE = 6'),  # not the number of the message
 ]
 

@@ -369,17 +369,16 @@ class Arbiter:
         self._lose(f'not connected to race control: {reason}')
         return self._reaction(give_up)
 
-    def heard(self, state: RaceState, now: float, waited: bool = False) -> Reaction:
+    def heard(self, state: RaceState, now: float, since: float | None = None) -> Reaction:
         """
         Handle a frame from race control. Without a connection it is too late, and ignored.
 
-        :param waited: whether the frame may have waited because the kart was held up. The kart
-            obeys such a frame, but it does not show that race control is still there.
+        :param since: a time before which the frame had not arrived; None for `now`. The silence
+            counts from then, because the frame may have waited until the kart read it.
         """
         give_up = self._pass(now)
         if self._open:
-            if not waited:
-                self._heard_at = now
+            self._heard_at = max(self._heard_at, now if since is None else since)
             if state is not self._commanded:
                 self._command(state, now)
         return self._reaction(give_up)

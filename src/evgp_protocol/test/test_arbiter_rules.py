@@ -898,10 +898,11 @@ def test_a_clock_that_goes_back_ends_the_connection_and_all_that_was_heard_is_to
     assert not answer.accepted
 
 
-def test_a_frame_that_waited_is_obeyed_but_does_not_end_the_silence() -> None:
+def test_silence_counts_from_when_a_frame_that_is_obeyed_had_not_arrived_yet() -> None:
     arbiter = Arbiter(Settings(), FIRST_ORDER)
     arbiter.connected(0.0)
     arbiter.heard(RaceState.IN_GARAGE, 0.0)
-    assert arbiter.heard(RED, 0.9, waited=True).verdict.commanded is RED
-    assert arbiter.deadline == 1.0
-    assert arbiter.heard(RED, 1.0).give_up is not None
+    for since, deadline in ((-1.0, 1.0), (0.25, 1.25)):
+        assert arbiter.heard(RED, 0.9, since).verdict.commanded is RED
+        assert arbiter.deadline == deadline
+    assert arbiter.heard(RED, 1.25).give_up is not None
