@@ -574,8 +574,8 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     ),
     (
         'odometry_required',
-        'Accept acknowledgements only if ~/odom agrees: RED_FLAG and RED_RED at a standstill, '
-        'GREEN_GREEN in motion, GRID_ACTIVE while it is received.',
+        'Accept acknowledgements only if ~/odom agrees: GRID_ACTIVE, RED_FLAG and RED_RED at a '
+        'standstill, GREEN_GREEN in motion.',
     ),
     (
         'auto_acknowledge_stop',

@@ -264,8 +264,6 @@ class Oracle:
         speeds = self._sure_speeds(0)
         if not speeds or self.now - speeds[-1].at > 0.5:
             return False
-        if state is GRID:
-            return True
         speed, limit = speeds[-1].value, self.settings.standstill_speed
         return bool(speed > limit if state is GREEN else speed <= limit)
 
@@ -575,7 +573,9 @@ any number will do: _refusal: never order verdict
 acknowledges what is not commanded: _refusal: never reached
 acknowledges grid under a team stop: _reached: never _commanded to_race
 refuses a red under a team stop: _reached: _commanded to_race => state is not self._commanded
-acknowledges a red while moving: [acknowledges by itself] _refusal: without _motion
+acknowledges a red while moving: [acknowledges by itself] _refusal: _motion ( ) => ''
+a kart that moves is ready for the grid: [odometry required] _refusal: _motion ( ) => state.is_red
+    and it
 no number is slow enough for a red: [acknowledges by itself] _motion: _speed <= => not self._speed
     > limit
 acknowledges green while it stands: [odometry required] _standstill: always _speed
@@ -585,7 +585,7 @@ required odometry is not missed: [odometry required] __init__: without odometry_
 odometry that acknowledges is not missed: [acknowledges by itself] __init__: without
     auto_acknowledge_stop
 odometry that was lost is not missed: [odometry heard] speed: skips _odometry_expected
-a kart without odometry is ready for the grid: [odometry required] _refusal: IN_GARAGE
+a kart without odometry is ready for the grid: [odometry required] _refusal: missing
     missing_odometry => state is not RaceState.GRID_ACTIVE and it
 odometry of old shows a standstill: [odometry required] _refusal: missing_odometry =>
     math.isinf(self._speed_at) and it
