@@ -95,8 +95,8 @@ class StackInPython(Waits, RosSide):
         self.turns = 0
         self._busy = threading.Lock()
         self._busy_at: RaceState | None = None
-        self.watch = RaceStateWatch(self.node, self._tell, lease=lease)
-        self.watch._orders._forgiven = forgiven
+        self.watch = RaceStateWatch(self.node, self._tell)
+        self.watch._orders._lease, self.watch._orders._forgiven = lease, forgiven
         # A message that changes no state is told to nobody: look for it now and then.
         self.node.create_timer(0.02, self._wake)
         if turn:

@@ -30,6 +30,7 @@ from evgp_kart_bridge.link import (
     REPEAT,
 )
 from evgp_kart_bridge.motion import Motion, NEVER_MOVED
+from evgp_kart_bridge.orders import LONGEST_LEASE
 from evgp_kart_bridge.watch import LEASE, LOG_AGAIN, race_state_qos
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.graph import KEEPS_APART, where_reachable
@@ -616,7 +617,7 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
         'liveliness_lease',
         LEASE,
         'Silence of the bridge after which a subscriber must stop the kart, in seconds.',
-        (0.2, 2.0),
+        (0.2, LONGEST_LEASE),
     )
     rules: dict[str, Any] = {
         name: declare(name, getattr(Settings, name), *meaning_and_limits)
