@@ -717,6 +717,48 @@ def test_the_examples_drive_a_race_and_stop_when_the_real_race_control_hangs(
     control.thaw()
 
 
+@pytest.mark.parametrize('stop', ['red', 'loss'])
+def test_a_terminal_that_takes_no_more_text_delays_no_stop_of_the_example_in_python(
+    stop: str, parts: contextlib.ExitStack
+) -> None:
+    code = """
+import os, sys
+import example
+from evgp_protocol.states import RaceState as State
+
+def drive(state, may_drive):
+    if may_drive and drive.drove:
+        os.dup2(full, 1)  # from now on, whatever is printed waits
+    elif drive.drove:
+        os.write(2, b'stops\\n')
+    drive.drove = may_drive
+    return True
+
+there, full = os.pipe()
+os.set_blocking(full, False)
+try:
+    while os.write(full, bytes(4096)):
+        pass
+except BlockingIOError:
+    os.set_blocking(full, True)
+drive.drove = False
+example.main(drive)
+"""
+    control = parts.enter_context(BareRaceControl())
+    path = os.pathsep.join((str(ROOT / 'kit/python'), *sys.path))
+    command = [sys.executable, '-c', code, '127.0.0.1', str(control.port), address_of(1)]
+    kart = parts.enter_context(Program('example', command, environment={'PYTHONPATH': path}))
+    control.wait_for_connections(1)
+    for state in (GRID, GREEN):
+        control.say(state)
+        control.wait_until_it_says(state)
+    if stop == 'red':
+        control.say(RED)
+    else:
+        control.hang_up()
+    kart.wait_for_line('^stops')
+
+
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_an_example_obeys_the_last_of_all_frames_that_came_together(
     example: str, start_example: StartExample, parts: contextlib.ExitStack

@@ -262,11 +262,11 @@ class RaceStateWatch:
         now = clock.now()
         with self._ordering:
             self._orders.look(now)
-        self._log_reason(now)
         state = self.order.state
         if state is not self._reported:
             self._reported = state
             self._on_change(state)
+        self._log_reason(now)  # last, because the log may wait
 
     def _log_reason(self, now: float) -> None:
         """Log each new reason, or that the node does not hear a bridge."""
