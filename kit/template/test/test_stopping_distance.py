@@ -14,9 +14,10 @@ BRAKING = 8.0  # m/s², as measured on our kart
 # barriers must be farther away. It includes 1 s for a busy computer: use less on an idle one.
 # `bring_to` returns once the kart has acknowledged the stop.
 STOPS = {
-    'red_red': (lambda official, control: official.bring_to(RaceState.RED_RED), 8.5),
-    'red_flag': (lambda official, control: official.bring_to(RaceState.RED_FLAG), 42.0),
-    'race_control_hangs': (lambda official, control: control.freeze(), 14.5),
+    'red_red': (lambda official, control, bridge: official.bring_to(RaceState.RED_RED), 8.5),
+    'red_flag': (lambda official, control, bridge: official.bring_to(RaceState.RED_FLAG), 42.0),
+    'race_control_hangs': (lambda official, control, bridge: control.freeze(), 14.5),
+    'bridge_dies': (lambda official, control, bridge: bridge.kill(), 11.5),
 }
 
 
@@ -34,7 +35,7 @@ def test_the_kart_stands_within_its_distance(
     base.wait_for_speed(lambda speed: speed > RACE_SPEED)
 
     before, (bring, longest) = base.distance, STOPS[stop]
-    bring(official, control)
+    bring(official, control, bridge)
     base.wait_for_speed(lambda speed: speed == 0.0)
     assert base.distance - before < longest
     assert stack.runs  # the base brakes without a stack, too
