@@ -991,7 +991,7 @@ def learn(
     """
     if after == before and given.what == 'heard':
         return facts
-    grid_last, paused = facts.grid_last, facts.paused
+    grid_last, paused, _, superseded, heat, met, left, race = facts
     if given.kind in STOPS:
         paused = max(paused, now + times.pause)
     elif given.what == 'held up':
@@ -1008,16 +1008,14 @@ def learn(
     if given.what == 'command' and success and given.kind not in NO_BUTTON:
         grid_last = given.kind == 'GRID_ACTIVE'
     gridded = given.kind == 'GRID_ACTIVE' and success and before.state is IN_GARAGE
-    superseded = after.start is not None and before.start is not None
-    superseded = superseded and (facts.superseded or (given.kind == 'GRID_ACTIVE' and success))
-    met, left = facts.met, facts.left
+    superseded = superseded or (given.kind == 'GRID_ACTIVE' and success)
+    superseded = superseded and after.start is not None and before.start is not None
     if given.what == 'there':
         met = met or given.statement
         left = now if before.there.able and not given.statement else left
     met = before.there.able if gridded else met
-    facts = facts._replace(met=met, left=left, race=facts.race + gridded)
-    if given.kind == 'SET_HEAT' and success and facts.heat is not None:
-        facts = facts._replace(heat=given.heat)
+    if given.kind == 'SET_HEAT' and success and heat is not None:
+        heat = given.heat
     karts = []
     for old, kart, memory in zip(before.karts, after.karts, facts.karts, strict=True):
         ready, lost, phase, missing, stood, poor, undone, joined = memory
@@ -1067,7 +1065,7 @@ def learn(
             phase = 2
         ready = ready and kart.sent is GRID_ACTIVE
         karts.append(KartFacts(ready, lost, phase, missing, stood, poor, undone, joined))
-    return Facts(grid_last, paused, tuple(karts), superseded, *facts[4:])
+    return Facts(grid_last, paused, tuple(karts), superseded, heat, met, left, race + gridded)
 
 
 # ----- the properties ---------------------------------------------------------------------
@@ -1160,9 +1158,9 @@ def check_input(
         late = is_paused(facts, kind, now if given.came is None else given.came)
         if success and late and opinion.allowed:
             raise RuleBrokenError('pause', f'{given} in {before}: {outcome.answer}')
-        seen = _is_as_seen(before, given)
-        stated = given.statement or not opinion.needs_statement
         if success != (becomes != 'refused'):
+            seen = _is_as_seen(before, given)
+            stated = given.statement or not opinion.needs_statement
             message = '' if waits else outcome.answer.message
             name = 'availability' if not opinion.allowed else 'as-seen'
             if success and _is_barred(before, given):
@@ -1293,10 +1291,13 @@ def _check_safety(
 ) -> None:
     """Check the S rules that need no expectation of the effect."""
     what, kind, number = given.what, given.kind, given.kart
-    changed = after._replace(paused=before.paused) != before or bool(outcome.orders)
     if after.track_open and after.state in IN_MOTION:
         raise RuleBrokenError('track-open-in-motion', f'{given}: {before} became {after}')
-    if kind in STOPS and changed and _in_force(before, kind, number):
+    if (
+        kind in STOPS
+        and _in_force(before, kind, number)
+        and (outcome.orders or after._replace(paused=before.paused) != before)
+    ):
         raise RuleBrokenError('stop-idempotent', f'{given}: {before} became {after}')
     ordered: dict[int, Any] = {}
     for order in outcome.orders:
@@ -1676,7 +1677,8 @@ def check_announced(
     opinion = judge(view, facts, kind, number)
     told = race.availability(rules.CommandKind[kind], number, now)
     paused = opinion.allowed and is_paused(facts, kind, now)
-    opinion = opinion._replace(allowed=opinion.allowed and not paused)
+    if paused:
+        opinion = opinion._replace(allowed=False)
     if told.available_from != (facts.paused if paused else None):
         raise RuleBrokenError('available-from', f'{told}, paused until {facts.paused} in {view}')
     if told.available != opinion.allowed or told.command.name != kind:
