@@ -36,9 +36,9 @@ from evgp_inspection.survey import LinkSurvey, LOST, Mark, Report
 from evgp_inspection.traces import BEAT
 from evgp_inspection.verdicts import Verdict
 from evgp_protocol.clock import now as clock_now
-from evgp_protocol.clock import run
 from evgp_protocol.frames import DEFAULT_PORT, encode
 from evgp_protocol.link import Answers, Grade, make_prompt, read, unanswered, unsent
+from evgp_protocol.loop import run
 from evgp_protocol.states import RaceState
 
 FRAME = encode(RaceState.IN_GARAGE)

@@ -34,6 +34,7 @@ import threading
 from evgp_protocol import clock
 from evgp_protocol.arbiter import Arbiter, Reaction, Verdict
 from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFrame
+from evgp_protocol.loop import run
 from evgp_protocol.states import RaceState
 
 REPEAT = 10.0
@@ -187,7 +188,7 @@ class RaceControlLink:
 
     def _run(self) -> None:
         try:
-            clock.run(self._serve())
+            run(self._serve())
         except BaseException as error:  # noqa: BLE001 - passed to the owner of the process
             self._on_failure(error)
         finally:

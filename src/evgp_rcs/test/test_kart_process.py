@@ -27,6 +27,7 @@ from evgp_rcs.karts.channel import (
     End,
     Failed,
     Happened,
+    KartServerError,
     Listening,
     pack,
     Refused,
@@ -34,7 +35,7 @@ from evgp_rcs.karts.channel import (
     ServerSettings,
     Unpacker,
 )
-from evgp_rcs.karts.server import KartServerError, ROS_HALF_SILENCE
+from evgp_rcs.karts.server import ROS_HALF_SILENCE
 from evgp_rcs.record.run_mark import place, RUN_BEGAN
 from evgp_rcs.record.store import events, open_read_only, sessions
 from evgp_rcs.ros import kart_client

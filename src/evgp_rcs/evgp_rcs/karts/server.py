@@ -37,6 +37,7 @@ from evgp_rcs.karts.channel import (
     Answered,
     End,
     Happened,
+    KartServerError,
     LocalEnd,
     pack,
     Request,
@@ -101,10 +102,6 @@ ROS_HALF_SILENCE = 1.0
 """Maximum silence of the ROS half, in seconds. After that, the server abandons it."""
 
 _ENDING = Answer(False, 'Race control is ending. If a kart is still moving, use the MSR.')
-
-
-class KartServerError(RuntimeError):
-    """The kart server cannot start or continue. The message says why, and what to do."""
 
 
 class RosHalfGoneError(RuntimeError):

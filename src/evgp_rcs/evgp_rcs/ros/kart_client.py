@@ -31,13 +31,13 @@ from evgp_rcs.karts.channel import (
     End,
     Failed,
     Happened,
+    KartServerError,
     Listening,
     pack,
     Refused,
     Request,
     Unpacker,
 )
-from evgp_rcs.karts.server import KartServerError
 from evgp_rcs.rules.race import Answer, Attendance, Command, StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 
