@@ -70,10 +70,6 @@ class RecordError(RuntimeError):
     """Race control cannot start: another one is using the record, or the record is unreliable."""
 
 
-class _NoRecordError(RuntimeError):
-    """The file is not a record, or is damaged. The text says why, and what to do."""
-
-
 @dataclasses.dataclass(frozen=True)
 class Session:
     """
@@ -218,7 +214,7 @@ class Record:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
         if self._path.exists() and not self._path.is_file():
-            raise _NoRecordError(
+            raise OSError(
                 f'{self._path} is not a file: move it away, or choose another file with the '
                 'parameter record'
             )
@@ -245,7 +241,7 @@ class Record:
         (version,) = database.execute('PRAGMA user_version').fetchone()
         tables = database.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]
         if tables and version != SCHEMA_VERSION:
-            raise _NoRecordError(
+            raise OSError(
                 f'{self._path} is not a record of this race control (its version is {version}, '
                 f'not {SCHEMA_VERSION}): move it away, or choose another file with the '
                 'parameter record'
@@ -298,7 +294,7 @@ class Record:
             self._claimed.close()
 
 
-_UNWRITABLE = (OSError, sqlite3.Error, _NoRecordError)
+_UNWRITABLE = (OSError, sqlite3.Error)
 """The exceptions raised if the file cannot be written, is damaged, or is not a record."""
 
 
