@@ -223,7 +223,6 @@ class View(NamedTuple):
     track_open: bool
     msr_used: bool
     over: bool
-    places: int
     past_unknown: bool
     unstated: bool
     rival: bool
@@ -361,7 +360,6 @@ _RACE = operator.attrgetter(
     'track_open',
     'msr_used',
     'over',
-    'places_given',
     'past_unknown',
     'unstated',
     'has_rival',
@@ -743,8 +741,8 @@ def expect(
     :param becomes: what becomes of the command, or of the start that waits (``fate``).
     :param abandoned: nobody has been there for too long (``is_abandoned``).
     """
-    state, track_open, msr_used, over, places, past_unknown, unstated, rival, cut = view[:9]
-    trouble, heats, starters, paused, start, there, opening, karts = view[9:]
+    state, track_open, msr_used, over, past_unknown, unstated, rival, cut = view[:8]
+    trouble, heats, starters, paused, start, there, opening, karts = view[8:]
     what, kind, number = given.what, given.kind, given.kart
     if kind in STOPS:
         paused = max(paused, now + times.pause)
@@ -828,7 +826,7 @@ def expect(
     elif kind == 'GRID_ACTIVE' and state is GRID_ACTIVE:
         pass
     elif kind == 'GRID_ACTIVE':
-        state, msr_used, places, starters, track_open = GRID_ACTIVE, False, 0, (), False
+        state, msr_used, starters, track_open = GRID_ACTIVE, False, (), False
         for each in after:
             each['place'] = 0
     elif kind == 'GREEN_GREEN':
@@ -847,12 +845,10 @@ def expect(
             if (_stands(old) and not kept) or _is_away(old) or _is_covered(view, old):
                 each['hold'], each['alone'] = None, False
     elif kind == 'KART_FINISH':
-        places += 1
-        mine[0]['place'] = places
+        place = mine[0]['place'] = 1 + max(each['place'] for each in after)
         delays = times.finish_delays
-        mine[0]['finish_at'] = now + delays[min(places, len(delays)) - 1]
+        mine[0]['finish_at'] = now + delays[min(place, len(delays)) - 1]
     elif kind == 'KART_UNDO_FINISH':
-        places -= 1
         gone = mine[0]['place']
         for each in after:
             each['place'] -= each['place'] > gone
@@ -883,7 +879,7 @@ def expect(
         hold(after, RED_RED)
     _settle(state, after, anew, now, past_unknown)
     seen = tuple([_kart_view(each.values()) for each in after])
-    race = (state, track_open, msr_used, over, places, past_unknown, unstated, rival, cut)
+    race = (state, track_open, msr_used, over, past_unknown, unstated, rival, cut)
     return View(*race, trouble, heats, starters, paused, start, there, opening, seen)
 
 
@@ -1259,7 +1255,8 @@ def _check_start(
         written = outcome.start.memory
         known = [written.karts[kart.number] for kart in before.karts if kart.in_race]
         started = all(kart.in_race and kart.doubt == MOVING for kart in known)
-        if written.state is not GREEN_GREEN or not started:
+        starters = tuple(kart.number for kart in before.karts if kart.in_race)
+        if written.state is not GREEN_GREEN or not started or written.starters != starters:
             raise broken('restart')
 
 
@@ -1507,13 +1504,10 @@ def check_recovery(
         raise broken('what was sent to the last run is taken: ')
     if again.availability(rules.CommandKind.OPEN_TRACK, 0, now).available:
         raise broken()
-    of_race = {kart.number for kart in after.karts if kart.in_race or kart.place}
-    placed = any(kart.place for kart in after.karts)
-    due = view.state in (GREEN_GREEN, RED_FLAG) or (view.state is RED_RED and placed)
-    if set(after.starters) != (of_race if due and known else set()):
-        raise broken()
     remembered = {old.number: old for old in view.karts} if known else {}
     found = {kart.number: kart for kart in after.karts}
+    if after.starters != tuple(number for number in view.starters * known if number in found):
+        raise broken()
     for number, old in remembered.items():
         gone = number not in roster
         forgotten = gone and not (old.in_race or old.hold or old.doubt)
@@ -1765,8 +1759,8 @@ class Search:
     - that a finish is due, where its RED_FLAG can change nothing, and the race does not wait for
       it to go over by itself;
     - the acknowledgement of IN_GARAGE and GREEN_GREEN: no rule asks for it;
-    - the number of a place, and how many are given: only whether a kart has one in a race whose
-      results are not told yet (later nothing but the telling reads it), which says how many have;
+    - the number of a place: only whether a kart has one in a race whose results are not told yet
+      (later nothing but the telling reads it), which says how many have;
     - who started the race whose results are not told yet: only the telling reads it;
     - the number of the race, and how often a finish was undone: a FINISH names what is shown, or
       something else;
@@ -1978,7 +1972,9 @@ class Search:
             if self.begin == 'crash on the grid':
                 doubt, state = self.rules.Doubt.GRID, GRID_ACTIVE
             kart = self.rules.KartMemory(True, False, 0, doubt, False)
-            memory = self.rules.RaceMemory(state, dict.fromkeys(racing, kart))
+            starters = tuple(racing) * (state is GREEN_GREEN)
+            karts = dict.fromkeys(racing, kart)
+            memory = self.rules.RaceMemory(state, karts, starters=starters)
             known = None if self.begin == 'unknown' else memory
             self.race.recover(known, self.rules.LastRun.UNKNOWN, 0.0)
             return recall(look(self.race), 0.0, '' if self.heats else None), 0.0

@@ -114,9 +114,9 @@ an order to a kart that is not connected: order-wrong, restart _redirect: always
 a stop is announced as allowed, and refused: stop-refused _refusal_of: after _paused: if
     command.kind is CommandKind.ALL_KILL and self.state is IN_GARAGE: ¶> refusal = 'nothing is
     under way'
-an acknowledgement survives the connection: ack-survives _drop: skips acknowledged
+an acknowledgement survives the connection: ack-survives _drop: skips _void_answers
 a new connection goes on under the old serial: order-serial _redirect: 1 => changed
-a reconnection lets a hold be forgotten: hold-forgotten, red-loosened connected: reported =>
+a reconnection lets a hold be forgotten: hold-forgotten, red-loosened connected: went_silent_at =>
     kart.hold
 a kart that drops in RED_FLAG is not held: drop-not-held [green] _drop: state GRID_ACTIVE =>
     self.state not in (GRID_ACTIVE, RED_FLAG)
@@ -144,12 +144,13 @@ GREEN_GREEN while a kart has not acknowledged: availability, green-needs-acks, r
     _no_green_green: without acknowledged
 GRID_ACTIVE while a kart is held: availability _none_or_held: _held racing => _held(each for each
     in racing if each.hold is RED_FLAG)
-GRID_ACTIVE without the statement that the track is clear: statement COMMANDS: clear #2 => ''
+GRID_ACTIVE without the statement that the track is clear: statement COMMANDS: clear => ''
 joining the race releases a held kart: membership-loosens, hold-forgotten _join_race: after
     in_race: self._unhold(kart)
 a kart that is taken out on the grid is not held: effect, sent-wrong _leave_race: _hold out =>
     self._redirect(kart, now)
-a kart leaves the race while it drives: availability _no_leave: state not => self.state is RED_RED
+a kart leaves the race while it drives: availability COMMANDS: states LEAVE_RACE =>
+    Rule(Race._leave_race, Race._no_leave)
 IN_GARAGE while a kart is silent: availability _no_in_garage: answered => it or each.hold
 IN_GARAGE releases a kart that never acknowledged its red: hold-forgotten, red-loosened, as-seen,
     stuck _released_by_garage: always stands
@@ -164,13 +165,12 @@ a finish is never followed by RED_FLAG: sent-wrong, finish-put-off [green] tick:
 every place has the delay of the first: effect finish_delay: finish_delays - => 0
 a kart finishes twice: availability _no_finish: place #1 => it > 1
 a finish that is undone ends the hold of the kart: red-loosened, hold-forgotten [green]
-    _kart_undo_finish: before places_given: if kart.finish_due is None: ¶> self._unhold(kart) ¶>
+    _kart_undo_finish: before attempt: if kart.finish_due is None: ¶> self._unhold(kart) ¶>
     self._redirect(kart, now)
 a finish that is undone sends the kart on: green-needs-grid, red-loosened, green-only-by-command
-    [green] _kart_undo_finish: before places_given: if self.state is RED_FLAG: ¶>
+    [green] _kart_undo_finish: before attempt: if self.state is RED_FLAG: ¶>
     self._go(GREEN_GREEN, now)
 later places stay when a finish is undone: effect [two in green] _kart_undo_finish: skips place -
-a place that was taken back counts for the next one: effect _kart_undo_finish: skips places_given
 a finish is undone when the order of FINISH was told: availability [green] _no_undo_finish: never
     number
 a finish is undone without the statement that the kart has not finished: statement COMMANDS: kart
@@ -184,8 +184,8 @@ humans may be on the track while the race drives: track-access, availability _hu
 the track stays open when the grid forms: track-open-in-motion _grid_active: without track_open
 the track closes for the grid whoever has been let onto it since: as-seen _misnamed: opening != =>
     command.opening > self.opening
-an opening of the track is not counted: as-seen, effect _open_track: instead of official:
-    self.track_open = True
+an opening of the track is not counted: as-seen, effect _open_track: instead of
+    _count_opening: self.track_open = True
 a kart that was lost in a race goes home with all others: stuck, effect, sent-wrong, availability
     away_at_rest: without lost_since
 a kart that was away when an official held it goes home with all others: alone-released, effect,
@@ -218,7 +218,8 @@ a heat releases the karts that it puts into the race: membership-loosens, hold-f
     after number: if each.in_race: ¶> self._unhold(each)
 a heat that takes a kart out forgets that it may be moving: doubt-forgotten [two] _set_heat: after
     number: each.doubt = each.doubt if each.in_race else Doubt.NONE
-a heat is put into a race that is under way: availability _no_set_heat: skips state
+a heat is put into a race that is under way: availability COMMANDS: states SET_HEAT =>
+    Rule(Race._set_heat, Race._no_set_heat)
 a heat that the roster does not have empties the race: availability, heat-halved, effect
     _no_such_heat: first: if name == 'no such heat': ¶> self.heats += (Heat(name, ()),)
 a heat that is not in the roster is refused without those that are: refusal-silent _no_such_heat:
@@ -231,14 +232,14 @@ the order of FINISH is told again with every RACE_OVER: results _report_order_of
     starters = #2
 the order of FINISH leaves out who did not finish: results _report_order_of_finish: place not => it
     and each.in_race
-a restart forgets that the order of FINISH was never told: restart recover: state RED_FLAG =>
-    memory.state is RED_FLAG
+a restart forgets that the order of FINISH was never told: restart recover: memory starters => ()
+a crash as the race starts forgets who started: restart command: racing ( => ()
 a kart that is held is given a place: availability _no_finish: skips hold
 an unanswered stop leaves no doubt: doubt-unnoticed, alarm-cleared _redirect: _covered_by_statement
     not => state is GREEN_GREEN and it
 a kart told to form the grid leaves no doubt: doubt-unnoticed _redirect: skips GRID
 a lost connection ends the doubt: effect, doubt-forgotten, drop-not-held, alerts _drop: after
-    acknowledged: kart.doubt = Doubt.NONE
+    _void_answers: kart.doubt = Doubt.NONE
 a kart that is back counts as standing: effect, doubt-forgotten, alarm-cleared, drop-not-held,
     alerts, settle connected: instead of may_be_moving: kart.lost_since = None ¶ kart.doubt =
     Doubt.NONE
@@ -278,15 +279,14 @@ IN_GARAGE releases a kart outside the race that was held alone: alone-released, 
     _released_by_garage: without in_race held_alone
 ALL_KILL hides that a kart was held alone: effect, stop-idempotent _all_kill: after _hold:
     each.held_alone = False
-a kart held by ALL_KILL already is not held alone: effect _stop_kart: held_alone not =>
-    kart.hold_reason == reason
+a kart held by ALL_KILL already is not held alone: effect _hold: instead of held_alone or #2: if
+    stricter_than_before: ¶> kart.held_alone = kart.held_alone or alone
 a start need not be as the official saw it: as-seen _not_as_seen: karts == => command.karts <=
     concerned
 a kart is released whatever hold the official saw: as-seen _held_otherwise: instead of hold return:
     if seen or not kart.hold: ¶> return ''
 a start is announced for all karts of the roster: as-seen _started: racing => self.karts.values
-a difference is not named: refusal-silent _not_as_seen: instead of did: phrases = ['it is for
-    others']
+a difference is not named: refusal-silent _not_as_seen: instead of did: pass
 a kart is released while another race control runs: availability, rival [around] _refusal:
     has_rival => it and not command.kart
 a stop is refused while another race control runs: availability, stop-refused _refusal: kind
@@ -305,8 +305,8 @@ a pause refuses what came after its end: availability, available-from _paused: p
 a pause refuses a stop: stop-refused, availability, available-from _paused: without loosens
 a pause lets one kart be released: pause, available-from _paused: came paused_until => it and kind
     is not CommandKind.KART_IN_GARAGE
-what was sent while race control was held up is taken: pause, available-from, effect stalled: pause
-    now => now
+what was sent while race control was held up is taken: pause, available-from, effect stalled: skips
+    _pause_for_late_commands
 a stop cuts the pause short that a delay began: pause, available-from, effect [waits] _pause:
     always paused_until
 a pause is not announced: available-from availability: _paused kind => ''
@@ -330,7 +330,7 @@ while a start waits a crash leaves the race on the grid: start-memory memory: sk
 a start that is refused is waited for all the same: effect _end_of_start: instead of start None: if
     saved: ¶> self.start = None
 a restart forgets the karts that left the roster: restart recover: always held not
-a restart does not name the karts that left the roster: restart recover: gone #3 => ()
+a restart does not name the karts that left the roster: restart recover: never team
 a restart forgets a stop that was left unanswered: restart recover: before held_alone: kart.doubt =
     min(kart.doubt, Doubt.GRID)
 a restart forgets who was on the grid: restart recover: before held_alone: if kart.doubt is
@@ -355,8 +355,10 @@ the time to stand counts from the order: settle, effect [green] heard: times now
 the time to stand counts from when it is first looked at: effect heard: settle => 2 * it
 a word that was taken back ends the doubt later: settle, effect heard: skips settles_at None
 a kart that is lost while it settles is taken to stand: settle, effect, doubt-forgotten _drop:
-    skips settles_at
-a new order lets the time to stand run on: settle, effect [green] _redirect: skips settles_at
+    instead of _void_answers: settles = kart.settles_at ¶ self._void_answers(kart) ¶
+    kart.settles_at = settles
+a new order lets the time to stand run on: settle, effect [green] _redirect: instead of
+    _void_answers: settles = kart.settles_at ¶ self._void_answers(kart) ¶ kart.settles_at = settles
 a kart stands while race control is held up and hears nothing: settle, effect [held up] stalled:
     instead of settle: kart.settles_at += 0.0
 every word said again begins the time to stand again: effect [unknown outside] heard: acknowledged
@@ -391,11 +393,11 @@ a race starts with a kart as which two programs connect: availability, contested
 two programs of one kart raise no alert: alerts [network] _current_alerts: contested => it and
     self.has_rival
 GRID_ACTIVE that is given again clears the places: effect, finish-other, order-wrong, nobody-there,
-    results [grid] _grid_active: instead of have: self.places_given += 1
-GRID_ACTIVE is not given again: availability _no_grid_active: state not => self.state is not
-    IN_GARAGE
-GRID_ACTIVE is given after a race that is over: availability, red-loosened _no_grid_active: state
-    not => self.state is GREEN_GREEN
+    results [grid] _grid_active: instead of have: pass
+GRID_ACTIVE is not given again: availability COMMANDS: GRID_ACTIVE states IN_GARAGE #1 =>
+    (IN_GARAGE,)
+GRID_ACTIVE is given after a race that is over: availability, red-loosened COMMANDS: GRID_ACTIVE
+    states IN_GARAGE #1 => (IN_GARAGE, GRID_ACTIVE, RED_RED)
 race control that is cut off goes on: cut-off, effect [network] cut_off: skips _cut_off
 race control that is cut off takes the track for closed: cut-off, restart [network] _lose_track:
     instead of _count_opening: self.opening += 1
@@ -413,7 +415,7 @@ a kart that goes silent outside the race stops it: effect, sent-wrong [silence o
     _check_whether_all_went_silent: without in_race in_garage
 karts that are silent long since count: effect, sent-wrong [silence for long]
     _check_whether_all_went_silent: without LOST_AT_ONCE
-a kart that is back counts as silent: effect, sent-wrong [silence in the garage] connected: without
+a kart that is back counts as silent: effect, sent-wrong [silence in the garage] connected: skips
     went_silent_at
 karts that are silent in RED_RED take the use of the MSR back: effect [silence on the grid]
     _check_whether_all_went_silent: without state
@@ -532,7 +534,7 @@ the attempts of a race go on in the next one: finish-other [an undone finish] _g
 a FINISH that names no race is refused: availability [green] _no_finish: run and => meant !=
     (self.run, self.number, kart.attempt)
 a FINISH counts as somebody who is there: nobody-there [people in green] _kart_finish: after
-    places_given +: self.nobody_since = None
+    finish_due: self.nobody_since = None
 a heat stays in the race with karts of another one: heat [heats] heat: without karts racing
 a heat stays in the race without any kart: heat [heats] heat: inside racing => inside
 a race that nobody can stop goes on: nobody-there, effect [people in green] tick: skips
@@ -571,8 +573,8 @@ a release that was sent before race control stopped the race is taken: effect, a
 that nobody is there raises no alert: alerts [people in green] _current_alerts: _unattended_since (
     => None
 a button at fault raises no alert: alerts [people in green] _current_alerts: skips BUTTON_FAULT
-a button at fault stops the race: there-acts, effect [people in green] attended: before
-    _report_alerts: if there.button_fault: ¶> self._go(RED_RED, now, 'button')
+a button at fault stops the race: there-acts, effect [people in green] attended: first: if
+    there.button_fault: ¶> self._go(RED_RED, now, 'button')
 RED_FLAG to a kart outside the race takes the place of the hold of ALL_KILL: stop-loosens
     _stop_kart: before _hold: if hold is RED_FLAG and not kart.in_race: ¶> kart.hold = None
 the race starts by itself when every kart is on the grid: green-only-by-command [grid]

@@ -393,15 +393,13 @@ class Kart:
     :param serial: serial number of its current order.
     :param acknowledged: whether it has acknowledged its current order and has not withdrawn that
         acknowledgement since.
-    :param withdrawn: whether it has withdrawn an acknowledgement of its current order.
     :param lost_since: when it lost its connection in a race under way or while it may have been
         moving. If it may have been moving, the time is kept until the doubt ends.
     :param finish_due: when its finish turns into a RED_FLAG (``flag_at`` in the message).
     :param held_alone: whether an official has held this kart individually and not released it.
-    :param counts_in: time from its last report until ``counts_at``; 0 if unknown or over.
     :param ordered_at: time of its current order.
     :param delivered_at: the time by which its kernel had answered that order.
-    :param acknowledged_at: when it first acknowledged that order.
+    :param acknowledged_at: when it first acknowledged that order, even if it withdrew that later.
     :param link: quality of its link; None if not measured on this connection. No rule depends on
         it or on the three times above, which are for officials.
     :param contested: whether two programs are connecting as this kart, each displacing the other.
@@ -428,9 +426,7 @@ class Kart:
     attempt: int = 0
     finish_due: float | None = None
     held_alone: bool = False
-    withdrawn: bool = False
     counts_at: float | None = None
-    counts_in: float = 0.0
     inspected: str = ''
     address: str = ''
     ordered_at: float = 0.0
@@ -522,6 +518,7 @@ class RaceMemory:
     :param unstated: whether race control is still waiting for an official to state that no race is
         under way anywhere.
     :param heat: the heat that was last put into the race; empty if there was none.
+    :param starters: ``Race.starters``.
     """
 
     state: RaceState
@@ -529,6 +526,7 @@ class RaceMemory:
     track_open: bool = False
     unstated: bool = False
     heat: str = ''
+    starters: tuple[int, ...] = ()
 
     @property
     def at_rest(self) -> bool:
@@ -605,7 +603,6 @@ class Race:
         self.state_cause = ''
         """A phrase that says why the race is in its state; empty until its state first changes."""
         self.over = False
-        self.places_given = 0
         self.starters: tuple[int, ...] = ()
         """Karts sent GREEN_GREEN in the race whose order of FINISH has not been reported yet."""
         self.grid_was_last = False
@@ -621,7 +618,6 @@ class Race:
         self.track_open = False
         self.opening = 0
         """Number of the last opening of the track in this run; 0 if there was none."""
-        self._opened = '', now  # by whom or why, as a phrase, and when (s)
         self.msr_used = False
         self.past_unknown = False
         """True until IN_GARAGE if race control does not know what happened before it started, or
@@ -662,7 +658,9 @@ class Race:
             )
             for number, kart in self.karts.items()
         }
-        return RaceMemory(self.state, karts, self.track_open, self.unstated, self._put_in)
+        return RaceMemory(
+            self.state, karts, self.track_open, self.unstated, self._put_in, self.starters
+        )
 
     def recover(
         self, memory: RaceMemory | None, last_run: LastRun, now: float, why: str = ''
@@ -688,18 +686,17 @@ class Race:
         """
         if last_run is not LastRun.UNKNOWN and (memory is None or memory.at_rest):
             if last_run is LastRun.ENDED_OPEN:
-                self._count_opening('before race control was restarted', now)
+                self._count_opening()
             self.unstated = last_run is LastRun.NONE
             return self._outcome()
-        self._put_in = '' if memory is None else memory.heat
-        gone: list[Kart] = []
-        for number, before in ({} if memory is None else memory.karts).items():
+        memory = memory or RaceMemory(RED_RED, {})
+        self._put_in = memory.heat
+        for number, before in memory.karts.items():
             kart = self.karts.get(number)
             if kart is None:
                 if not (before.in_race or before.held or before.doubt):
                     continue
                 kart = self.karts[number] = Kart(number, NOT_IN_ROSTER, sent_since=now)
-                gone.append(kart)
             else:
                 kart.in_race = before.in_race
                 kart.place = before.place
@@ -707,40 +704,30 @@ class Race:
             kart.held_alone = before.held_alone
             if kart.doubt:
                 kart.lost_since = now
-        self.places_given = max((kart.place for kart in self.karts.values()), default=0)
-        # In RED_RED, the order of FINISH may have been reported already; it is reported again. But
-        # if no kart had a place in RED_RED, the race may never have started.
-        if memory is not None:
-            in_red = memory.state is RED_RED and self.places_given
-            if memory.state in (GREEN_GREEN, RED_FLAG) or in_red:
-                self.starters = tuple(
-                    kart.number for kart in self.karts.values() if kart.in_race or kart.place
-                )
-                self.grids = self.number = int(bool(self.starters))
+        self.starters = tuple(number for number in memory.starters if number in self.karts)
+        self.grids = self.number = int(bool(self.starters))
         cause = f'{BEGAN}: {why}' if why else BEGAN
         self._pause_for_late_commands(cause, now)
         self._lose_track('since race control started', cause, now)
-        for kart in gone:
-            text = (
-                f'{_capital(kart)} is held in RED_RED; find it, make it safe, then release it '
-                'individually'
-            )
-            self._add_event(EventKind.KART_STATE, text, kart.number, RED_RED)
+        for kart in self.karts.values():
+            if kart.team == NOT_IN_ROSTER:
+                text = f'{_capital(kart)} is held in RED_RED; find it, make it safe, then release '
+                text += 'it individually'
+                self._add_event(EventKind.KART_STATE, text, kart.number, RED_RED)
         return self._outcome()
 
     def _lose_track(self, held: str, cause: str, now: float) -> None:
         """Assume the worst about everything, because race control does not know what happened."""
         self.past_unknown = True
-        self._count_opening(cause, now)
+        self._count_opening()
         self.msr_used = False
         for kart in self.karts.values():
             self._hold(kart, RED_RED, held, now)
         self._go(RED_RED, now, cause)
 
-    def _count_opening(self, how: str, now: float) -> None:
+    def _count_opening(self) -> None:
         self.track_open = True
         self.opening += 1
-        self._opened = how, now
 
     # ----- inputs -------------------------------------------------------------------------
 
@@ -764,13 +751,14 @@ class Race:
         if refusal or not CATALOGUE[command.kind].needs_journal:
             return self._outcome(self._decide(command, refusal, now))
         before = self.memory()
+        starters = tuple(each.number for each in self.racing())
         karts = {
             number: dataclasses.replace(kart, doubt=Doubt.MOVING) if kart.in_race else kart
             for number, kart in before.karts.items()
         }
         until = now + self.times.journal_timeout
         self.starts += 1
-        memory = dataclasses.replace(before, state=GREEN_GREEN, karts=karts)
+        memory = dataclasses.replace(before, state=GREEN_GREEN, karts=karts, starters=starters)
         self.start = Start(self.starts, command, came, until, memory)
         return self._outcome(start=self.start)
 
@@ -791,15 +779,9 @@ class Race:
         self.start = None
         refusal = self._refusal_of(start.command, start.came)
         if not refusal and start.superseded:
-            refusal = (
-                'GRID_ACTIVE was sent again while this command was waiting. Check the race, then '
-                'send GREEN_GREEN again'
-            )
+            refusal = f'GRID_ACTIVE was sent again while this command was waiting. {SEND_AGAIN}'
         if not (refusal or saved):
-            refusal = (
-                'the record did not save the start in time. Check the race, then send '
-                'GREEN_GREEN again'
-            )
+            refusal = f'the record did not save the start in time. {SEND_AGAIN}'
         return self._decide(start.command, refusal, now)
 
     def stalled(self, seconds: float, now: float) -> Outcome:
@@ -835,7 +817,6 @@ class Race:
         cause = f'race control was cut off from the karts ({reason})'
         self._pause(now + self.times.pause, cause)
         self._lose_track('race control was cut off', cause, now)
-        self._report_alerts(now)
 
     def contested(self, number: int, contested: bool, now: float) -> Outcome:
         """
@@ -844,7 +825,6 @@ class Race:
         :raises KeyError: if the roster has no such kart.
         """
         self.karts[number].contested = contested
-        self._report_alerts(now)
         return self._outcome()
 
     def _pause(self, until: float, why: str) -> None:
@@ -868,7 +848,7 @@ class Race:
                 kart = self.karts[command.kart]
                 wait = f'{kart}: {self._silence(kart)}. Wait for it, or '
             return f'{wait}state that {statement}'
-        return self._misnamed(command, came)
+        return self._misnamed(command)
 
     def _decide(self, command: Command, refusal: str, now: float) -> Answer:
         """Put a command into effect or refuse it, and add the command's event."""
@@ -913,8 +893,7 @@ class Race:
         kart.connected = True
         if not kart.may_be_moving:
             kart.lost_since = None
-        kart.reported = None
-        kart.link = kart.went_silent_at = None
+        kart.went_silent_at = None
         text = f'{_capital(kart)} connected'
         self._add_event(EventKind.CONNECTED, text, number, chatter=kart.contested)
         self._redirect(kart, now, resend=True)
@@ -972,12 +951,13 @@ class Race:
         kart = self.karts[number]
         if not kart.connected:
             return self._outcome()
+        before, kart.reported = kart.reported, state
         counts = state is kart.sent and serial == kart.serial
         if counts and not kart.acknowledged:
+            again = kart.acknowledged_at is not None
             kart.acknowledged = True
             kart.counts_at = None
-            if kart.acknowledged_at is None:
-                kart.acknowledged_at = now
+            kart.acknowledged_at = kart.acknowledged_at if again else now
             if state.is_red:
                 kart.settles_at = now + self.times.settle
                 self._settle(kart, now)
@@ -985,35 +965,27 @@ class Race:
             # IN_GARAGE asks for no acknowledgement (§3.A).
             did = 'reports' if state is IN_GARAGE else 'acknowledged'
             text = f'{_capital(kart)} {did} {state.value}'
-            self._add_event(EventKind.ACKNOWLEDGED, text, number, state, kart.withdrawn)
+            self._add_event(EventKind.ACKNOWLEDGED, text, number, state, chatter=again)
         elif kart.acknowledged and state is not kart.sent:
             kart.acknowledged = False
-            kart.withdrawn = True
             kart.settles_at = None
             if kart.sent.is_red:
                 kart.doubt = Doubt.MOVING
-            self._add_event(
-                EventKind.WITHDRAWN,
-                f'{_capital(kart)} reports {state.value}, so its acknowledgement of '
-                f'{kart.sent.value} no longer counts',
-                number,
-                state,
-                chatter=True,
-            )
+            text = f'{_capital(kart)} reports {state.value}, so its acknowledgement of '
+            text += f'{kart.sent.value} no longer counts'
+            self._add_event(EventKind.WITHDRAWN, text, number, state, chatter=True)
         elif state is not kart.sent:
             kart.counts_at = None
-            if state is not kart.reported:
+            if state is not before:
                 text = f'{_capital(kart)} reports {state.value} while being sent {kart.sent.value}'
                 self._add_event(EventKind.REPORTED, text, number, state, chatter=True)
         elif not kart.acknowledged and state is not IN_GARAGE:
-            is_new = kart.counts_at is None
-            kart.counts_at, kart.counts_in = now + counts_in, counts_in
-            if is_new:
+            if kart.counts_at is None:
                 text = f'{_capital(kart)} {self._silence(kart)}'
                 self._add_event(EventKind.REPORTED, text, number, state, chatter=True)
+            kart.counts_at = now + counts_in
         if state is GREEN_GREEN and kart.sent is not GREEN_GREEN:
             kart.doubt = Doubt.MOVING
-        kart.reported = state
         return self._outcome()
 
     def delivered(self, number: int, serial: int, answered: float, now: float) -> Outcome:
@@ -1049,18 +1021,14 @@ class Race:
         if link.grade is Grade.POOR:
             kart.link_poor_at = now
         if before is None or before.grade is not link.grade:
-            text = f'The link to {kart} is {link.grade.value}'
-            if link.behind:
-                text += f': its program may read {link.behind:.1f} s late'
-            elif link.grade is not Grade.GOOD:
-                text += f': it took {link.worst_answer:.2f} s to answer'
+            why = '' if link.grade is Grade.GOOD else f': the kart {link.delay}'
+            text = f'The link to {kart} is {link.grade.value}{why}'
             self._add_event(EventKind.LINK_GRADE, text, number, grade=link.grade)
         return self._outcome()
 
     def rival(self, present: bool, now: float) -> Outcome:
         """Record whether another race control is running on the officials' network."""
         self.has_rival = present
-        self._report_alerts(now)
         return self._outcome()
 
     def attended(self, there: Attendance, now: float) -> Outcome:
@@ -1070,13 +1038,11 @@ class Race:
         elif self.there.able:
             self.nobody_since = now
         self.there = there
-        self._report_alerts(now)
         return self._outcome()
 
     def record_trouble(self, text: str, now: float) -> Outcome:
         """Keep a sentence that says why the record is failing; empty if the record works."""
         self.record_fails = text
-        self._report_alerts(now)
         return self._outcome()
 
     def tick(self, now: float) -> Outcome:
@@ -1089,7 +1055,6 @@ class Race:
         """
         for kart in self.karts.values():
             self._settle(kart, now)
-            kart.counts_in *= now < (kart.counts_at or 0.0)
             if kart.finish_due is not None and now >= kart.finish_due:
                 kart.finish_due = None
                 self._hold(kart, RED_FLAG, MARKED_AS_FINISHED, now)
@@ -1129,12 +1094,11 @@ class Race:
         return Availability(kind, True, statement=rule.statement(self, command), karts=karts)
 
     def alerts(self, now: float) -> list[Alert]:
-        """Return the current alerts, newest first."""
+        """Return the current alerts, newest first. Each began when a tick first reported it."""
         alerts = []
-        for kind, number, since, text in self._current_alerts(now):
-            if since is None:
-                told = self._alerts.get((kind, number))
-                since = told.since if told else now
+        for kind, number, text in self._current_alerts(now):
+            reported = self._alerts.get((kind, number))
+            since = reported.since if reported else now
             use_msr = kind in MSR_ALERTS and not self.msr_used
             if kind is AlertKind.TRACK_UNSAFE:
                 use_msr = use_msr and any(each.doubt for each in self.karts.values())
@@ -1179,11 +1143,7 @@ class Race:
             kart.sent_since = now
         kart.serial += 1
         kart.ordered_at = now
-        kart.delivered_at = kart.acknowledged_at = None
-        kart.acknowledged = False
-        kart.withdrawn = False
-        kart.counts_at = None
-        kart.settles_at = None
+        self._void_answers(kart)
         if kart.connected:
             if state is GRID_ACTIVE:
                 kart.doubt = max(kart.doubt, Doubt.GRID)
@@ -1199,12 +1159,21 @@ class Race:
             chatter = kart.contested and resend
             self._add_event(EventKind.KART_STATE, text, kart.number, state, chatter)
 
-    def _hold(self, kart: Kart, hold: RaceState, reason: str, now: float) -> None:
-        if kart.hold is None or hold.strictness > kart.hold.strictness:
+    def _void_answers(self, kart: Kart) -> None:
+        """Forget how a kart answered its order, which is over or has lost its connection."""
+        kart.acknowledged = False
+        kart.delivered_at = kart.acknowledged_at = None
+        kart.counts_at = kart.settles_at = None
+
+    def _hold(
+        self, kart: Kart, hold: RaceState, reason: str, now: float, alone: bool = False
+    ) -> None:
+        stricter_than_before = kart.hold is None or hold.strictness > kart.hold.strictness
+        if stricter_than_before or (alone and not kart.held_alone):
+            kart.hold_reason += f'; {reason}' if kart.hold_reason else reason
+        if stricter_than_before:
             kart.hold = hold
-            # Keep the reason for an official's hold, which only an official can release.
-            before = f'; {kart.hold_reason}' if kart.held_alone and kart.hold_reason else ''
-            kart.hold_reason = reason + before
+        kart.held_alone = kart.held_alone or alone
         self._redirect(kart, now)
 
     def _doubt_that_it_stands(self, kart: Kart) -> None:
@@ -1247,11 +1216,8 @@ class Race:
 
     def _drop(self, kart: Kart, reason: str, now: float) -> None:
         kart.connected = False
-        kart.acknowledged = False
-        kart.settles_at = None
-        kart.counts_at = None
-        kart.reported = None
-        kart.link = kart.delivered_at = kart.acknowledged_at = None
+        kart.reported = kart.link = None
+        self._void_answers(kart)
         under_way = kart.in_race and self.state is not IN_GARAGE
         if (under_way or kart.doubt) and kart.lost_since is None:
             kart.lost_since = now
@@ -1276,10 +1242,8 @@ class Race:
         self._go(stricter(self.state, RED_FLAG), now)
         if self.state is not RED_FLAG:
             return f'The race is already in {self.state.value}, which is stricter than RED_FLAG'
-        flagged = [each for each in self.racing() if each.sent is RED_FLAG]
-        stopped = [each for each in self.racing() if each.sent is not RED_FLAG]
-        message = f'RED_FLAG sent to {_receivers(flagged)}'
-        return message + (f'. Already in RED_RED: {_listed(stopped)}' if stopped else '')
+        flagged = (each for each in self.racing() if each.sent is RED_FLAG)
+        return f'RED_FLAG sent to {_receivers(flagged)}'
 
     def _grid_active(self, command: Command, now: float) -> str:
         if self.start is not None:
@@ -1296,7 +1260,6 @@ class Race:
         self.reading = 0
         self.starters = ()
         self.nobody_since = None  # no program that could stop this race has been lost yet
-        self.places_given = 0
         for each in self.karts.values():
             each.place = each.attempt = 0
         self._go(GRID_ACTIVE, now)
@@ -1336,7 +1299,7 @@ class Race:
         return message
 
     def _open_track(self, command: Command, now: float) -> str:
-        self._count_opening(f'by {command.official or "an official"}', now)
+        self._count_opening()
         self.unstated = False
         return f'The track is open to humans: {self._humans_allowed()[1]}'
 
@@ -1356,18 +1319,13 @@ class Race:
         by = f'{hold.value} by {command.official or "an official"}'
         reason = ', '.join(filter(None, (by, command.pressed)))
         self._doubt_that_it_stands(kart)
-        self._hold(kart, hold, reason, now)
-        if not kart.held_alone:
-            kart.held_alone = True
-            if kart.hold_reason != reason:
-                kart.hold_reason += f'; {reason}'
+        self._hold(kart, hold, reason, now, alone=True)
         absent = '' if kart.connected else ', but it is not connected'
         return f'{_capital(kart)} is held in {kart.sent.value}{absent}'
 
     def _kart_finish(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
-        self.places_given += 1
-        kart.place = self.places_given
+        kart.place = self._last_place() + 1
         delay = self.times.finish_delay(kart.place)
         kart.finish_due = now + delay
         text = f'{_capital(kart)} finished as P{kart.place}'
@@ -1376,22 +1334,12 @@ class Race:
     def _kart_undo_finish(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
         place, kart.place = kart.place, 0
-        self.places_given -= 1
         kart.attempt += 1
-        moved_up = [each for each in self.karts.values() if each.place > place]
-        for each in moved_up:
-            each.place -= 1
-        moved_up.sort(key=lambda each: each.place)
-        text = f'{_capital(kart)} no longer has a place'
+        for each in self.karts.values():
+            each.place -= each.place > place
         # This loosens no state that has been sent; it only cancels a RED_FLAG that has not been.
         kart.finish_due = None
-        if kart.sent is GREEN_GREEN:
-            text += ' and drives on; its RED_FLAG had not been sent yet'
-        elif kart.hold is not None:
-            text += f'; it stays held in {kart.hold.value}'
-        if moved_up:
-            text += f'. Moved up: {_cut([f"{each.place}. {each}" for each in moved_up])}'
-        return text
+        return f'{_capital(kart)} no longer has a place, and is still being sent {kart.sent.value}'
 
     def _release_kart(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
@@ -1427,12 +1375,8 @@ class Race:
             each.in_race = each.number in heat.karts
             self._redirect(each, now)
         self._put_in = heat.name
-        chosen = list(self.racing())
         text = f'"{heat.name}" is now in the race ({_numbers(heat.karts)}), with no other karts'
-        absent = [each for each in chosen if not each.connected]
-        if absent:
-            text += f'. Not connected: {_listed(absent)}'
-        held = _held(chosen)
+        held = _held(self.racing())
         return text + (f'. Still held: {held}' if held else '')
 
     def _read_roster(self, command: Command, now: float) -> str:
@@ -1464,17 +1408,20 @@ class Race:
             return 'another race control is running; shut it down first. Every stop still works'
         if CATALOGUE[command.kind].loosens and self.cut_off_by:
             return f'race control is still cut off from the karts: {self.cut_off_by}'
-        return COMMANDS[command.kind].refusal(self, command)
+        rule = COMMANDS[command.kind]
+        if self.state not in rule.states:
+            possible = ' or '.join(state.value for state in rule.states)
+            text = f'the race is in {self.state.value}; {command.kind.value} is possible only in '
+            return text + possible
+        return rule.refusal(self, command)
 
     def _paused(self, kind: CommandKind, came: float) -> str:
         """Return why a pause blocks a command that arrived at `came`; empty if no pause does."""
         if CATALOGUE[kind].loosens and came < self.paused_until:
-            return f'{self._paused_by}. Check the race, then send this command again'
+            return f'{self._paused_by}. {SEND_AGAIN}'
         return ''
 
     def _no_grid_active(self, command: Command) -> str:
-        if self.state not in (IN_GARAGE, GRID_ACTIVE):
-            return f'the race is in {self.state.value}; return it to IN_GARAGE first'
         return (
             self._none_or_held()
             or self._doubtful()
@@ -1485,13 +1432,10 @@ class Race:
 
     def _none_or_held(self) -> str:
         racing = list(self.racing())
-        if not racing:
-            return 'no kart is in the race'
         held = _held(racing)
-        if held and self.state is GRID_ACTIVE:
-            return f'return the race to IN_GARAGE and release the held karts: {held}'
-        numbers = _numbers(each.number for each in racing if each.hold is not None)
-        return f'release {numbers} first: {held}' if held else ''
+        if held:
+            return f'karts in the race are held; release them first: {held}'
+        return '' if racing else 'no kart is in the race'
 
     def _doubtful(self) -> str:
         """Return which karts make it unsafe to start a race, and why; empty if no kart does."""
@@ -1502,12 +1446,9 @@ class Race:
         )
 
     def _contested(self) -> str:
-        contested = [each for each in self.racing() if each.contested]
-        if not contested:
-            return ''
-        return (
-            f'two programs keep connecting as {_listed(contested)}; have the team stop one of them'
-        )
+        contested = _listed(each for each in self.racing() if each.contested)
+        text = f'two programs keep connecting as {contested}; have the team stop one of them'
+        return text if contested else ''
 
     def _no_record(self) -> str:
         """Return why the record prevents a race, and what to do; empty if the record works."""
@@ -1520,8 +1461,6 @@ class Race:
         )
 
     def _no_green_green(self, command: Command) -> str:
-        if self.state is not GRID_ACTIVE:
-            return f'the race is in {self.state.value}; GREEN_GREEN follows GRID_ACTIVE'
         if not self.grid_was_last:
             return 'another command was sent after GRID_ACTIVE; send GRID_ACTIVE again'
         if unfit := self._none_or_held():
@@ -1544,9 +1483,6 @@ class Race:
             return 'another GREEN_GREEN is still waiting for the record'
         return self._no_record()
 
-    def _no_race_over(self, command: Command) -> str:
-        return 'the race is in IN_GARAGE; nothing is under way' if self.state is IN_GARAGE else ''
-
     def _no_in_garage(self, command: Command) -> str:
         if self.state is GRID_ACTIVE:
             return self._dangers(
@@ -1554,10 +1490,6 @@ class Race:
                 for each in self.racing()
                 if each.may_be_moving or (each.doubt and not each.connected)
             )
-        if self.state is IN_GARAGE:
-            return 'the race is already in IN_GARAGE'
-        if self.state is not RED_RED:
-            return f'the race is in {self.state.value}; send RACE_OVER or ALL_KILL first'
         missing = [
             f'{each}: {self._silence(each)}' for each in self._waited_for() if not each.answered
         ]
@@ -1581,8 +1513,6 @@ class Race:
         kart = self.karts[command.kart]
         if not kart.in_race:
             return f'{kart} is not in the race'
-        if self.state is not GREEN_GREEN:
-            return f'the race is in {self.state.value}; a kart can finish only in GREEN_GREEN'
         if kart.place:
             return f'{kart} has already finished as P{kart.place}'
         if not kart.connected:
@@ -1617,48 +1547,30 @@ class Race:
         kart = self.karts[command.kart]
         if kart.in_race:
             return f'{kart} is already in the race'
-        if self.state is not IN_GARAGE:
-            return f'the race is in {self.state.value}; karts can join only in IN_GARAGE'
         return self._uninspected([kart])
 
     def _no_set_heat(self, command: Command) -> str:
-        if not self.heats:
-            return "the roster has no heats; list them under 'heats:' and read it again"
-        if self.state is not IN_GARAGE:
-            return f'the race is in {self.state.value}; a heat can be chosen only in IN_GARAGE'
-        return ''
+        none = "the roster has no heats; list them under 'heats:' and read it again"
+        return '' if self.heats else none
 
     def _uninspected(self, karts: Iterable[Kart]) -> str:
         if not self.times.require_inspection:
             return ''
-        missing = [each for each in karts if not each.inspected]
-        if not missing:
-            return ''
-        return (
-            f'not inspected: {_listed(missing)}. Race without it; or inspect it, enter the date '
-            'in the roster and read the roster again'
-        )
+        missing = _listed(each for each in karts if not each.inspected)
+        text = f'not inspected: {missing}. Race without it; or inspect it, enter the date in the '
+        return f'{text}roster and read the roster again' if missing else ''
 
     def _no_leave(self, command: Command) -> str:
         kart = self.karts[command.kart]
-        if not kart.in_race:
-            return f'{kart} is not in the race'
-        if self.state not in (IN_GARAGE, GRID_ACTIVE):
-            return (
-                f'the race is in {self.state.value}; karts can leave only in IN_GARAGE and '
-                'GRID_ACTIVE. Stop the kart with RED_RED instead'
-            )
-        return ''
+        return '' if kart.in_race else f'{kart} is not in the race'
 
     def _no_read_roster(self, command: Command) -> str:
-        if self.state is not IN_GARAGE:
-            return f'the race is in {self.state.value}; the roster can change only in IN_GARAGE'
         return self._bound(command.roster) if command.roster.karts else ''
 
     def _no_take_roster(self, command: Command) -> str:
-        if self.state is IN_GARAGE and not self.reading:
+        if not self.reading:
             return 'no roster is waiting to be taken; send READ_ROSTER first'
-        return self._no_read_roster(command._replace(roster=self._read))
+        return self._bound(self._read)
 
     def _bound(self, roster: Roster) -> str:
         """Return which karts and addresses a roster must keep but lacks; empty if none."""
@@ -1691,7 +1603,7 @@ class Race:
             )
         )
 
-    def _misnamed(self, command: Command, came: float) -> str:
+    def _misnamed(self, command: Command) -> str:
         """
         Return what is wrong with the karts, hold, heat, roster or number that a command names.
 
@@ -1704,15 +1616,16 @@ class Race:
             return self._held_otherwise(self.karts[command.kart], command.hold)
         if command.kind is CommandKind.READ_ROSTER:
             return '' if command.roster.karts else 'the roster has no kart'
-        if entry.names_number == 'reading':
-            return self._read_otherwise(command)
-        if entry.names_number == 'opening' and command.opening != self.opening:
-            if not self.opening:
-                return f'you named opening {command.opening}, but the track has not been opened'
-            how, at = self._opened
+        if entry.names_number == 'reading' and command.reading != self.reading:
             return (
-                f'the track was opened since you looked ({how}, {max(came - at, 0.0):.0f} s ago); '
-                'make sure that nobody is on it, then send this command again'
+                f'the last reading is {self.reading}, but you named {command.reading}. Look again'
+            )
+        if command.kind is CommandKind.TAKE_ROSTER and command.roster != self._read:
+            return 'the file has changed since it was read; read it again'
+        if entry.names_number == 'opening' and command.opening != self.opening:
+            return (
+                f'the last opening of the track is {self.opening}, but you named '
+                f'{command.opening}. Make sure that nobody is on the track, then look again'
             )
         return self._not_as_seen(command) if entry.names_karts else ''
 
@@ -1726,21 +1639,8 @@ class Race:
     def _held_otherwise(self, kart: Kart, seen: RaceState | None) -> str:
         if seen is kart.hold:
             return ''
-        now, then = (
-            'not held' if hold is None else f'held in {hold.value}' for hold in (kart.hold, seen)
-        )
-        return (
-            f'{kart} has changed since you looked: it is {now}, but you saw it {then}. Look again'
-        )
-
-    def _read_otherwise(self, command: Command) -> str:
-        if command.reading != self.reading:
-            return (
-                f'the last reading is {self.reading}, but you named {command.reading}. Look again'
-            )
-        if command.roster != self._read:
-            return 'the file has changed since it was read; read it again'
-        return ''
+        held = f'held in {kart.hold.value}' if kart.hold else 'not held'
+        return f'{kart} has changed since you looked: it is now {held}. Look again'
 
     def _not_as_seen(self, command: Command) -> str:
         concerned = {each.number for each in COMMANDS[command.kind].karts(self, command)}
@@ -1748,13 +1648,12 @@ class Race:
             return ''
         if not command.karts:  # typed by hand
             return f'no kart is named. Add karts: {sorted(concerned)}'
-        now, then = _numbers(concerned), _numbers(command.karts)
-        phrases = [f'This command is now for {now}, but you named {then}']
+        phrases = ['the race has changed since you looked']
         if concerned - command.karts:
             phrases.append(f'You did not name {_numbers(concerned - command.karts)}')
         if command.karts - concerned:
             phrases.append(f'The command does not apply to {_numbers(command.karts - concerned)}')
-        return f'the race has changed since you looked. {". ".join(phrases)}. Look again'
+        return '. '.join((*phrases, 'Look again'))
 
     # ----- what the official must state ---------------------------------------------------
 
@@ -1769,9 +1668,6 @@ class Race:
         text = f'the track is safe for humans, {NO_RACE_ANYWHERE}'
         more = f', not even those that have not confirmed a stop: {_listed(silent)}'
         return text + more if silent else text
-
-    def _state_no_race(self, command: Command) -> str:
-        return NO_RACE_ANYWHERE if self.unstated else ''
 
     def _state_made_safe(self, command: Command) -> str:
         kart = self.karts[command.kart]
@@ -1792,16 +1688,10 @@ class Race:
             if new is None:
                 said += [] if kart.bound else [f'{kart} is removed']
                 continue
-            if new.address != kart.address:
-                said.append(f'{kart} connects from {new.address}')
-            if new.team != kart.team:
-                said.append(f'{kart} becomes {called(kart.number, new.team)}')
-            if new.inspected != kart.inspected:
-                said.append(
-                    f'{kart} was inspected {new.inspected}'
-                    if new.inspected
-                    else f'{kart} is no longer marked as inspected'
-                )
+            for what in ('address', 'team', 'inspected'):
+                value = getattr(new, what)
+                if value != getattr(kart, what):
+                    said.append(f'{kart} has a new entry "{what}: {value}"')
         before, heats = dict(self.heats), dict(self._read.heats)
         said += [
             f'"{name}": {_numbers(karts)}'
@@ -1862,9 +1752,7 @@ class Race:
         if kart.stands:
             return ''
         if kart.connected and kart.sent.is_red:
-            if kart.stopped:
-                return f'{kart} has stopped; it must stay stopped for {self.times.settle:g} s'
-            return f'{kart} has not acknowledged {kart.sent.value}'
+            return f'{kart} {self._silence(kart)}'
         if kart.connected:
             return f'{kart} may be moving: stop it with RED_RED' if kart.may_be_moving else ''
         if kart.may_be_moving:
@@ -1894,18 +1782,13 @@ class Race:
             return f'has stopped, and must stay stopped for {self.times.settle:g} s'
         if kart.stopped_itself:
             return 'stopped itself; take it out of the race, or start again from IN_GARAGE'
-        if kart.counts_at is not None:
-            said = f'reports {kart.sent.value}, perhaps in answer to an earlier command'
-            if kart.counts_in:
-                return f'{said} (wait {max(1, round(kart.counts_in))} s)'
-            return f'{said}; it must reconnect (it will be held)'
-        if kart.withdrawn:
-            return f'withdrew its acknowledgement of {kart.sent.value}'
         if kart.reported is kart.sent:
             return (
-                f'reported {kart.sent.value}, but in answer to an earlier command; a kart that '
-                'reports each state only once must reconnect (it will be held)'
+                f'reported {kart.sent.value}, perhaps in answer to an earlier command (if waiting '
+                'does not help, it must reconnect, and will be held)'
             )
+        if kart.acknowledged_at is not None:
+            return f'withdrew its acknowledgement of {kart.sent.value}'
         return f'has not acknowledged {kart.sent.value}'
 
     def _waited_for(self) -> list[Kart]:
@@ -1974,8 +1857,8 @@ class Race:
             text += f'; did not finish: {", ".join(missing)}'
         self._events.append(Event(EventKind.ORDER_OF_FINISH, text))
 
-    def _current_alerts(self, now: float) -> Iterator[tuple[AlertKind, int, float | None, str]]:
-        """Yield each alert, its kart, when it began (None: when first seen), and its text."""
+    def _current_alerts(self, now: float) -> Iterator[tuple[AlertKind, int, str]]:
+        """Yield each alert, the number of its kart, and its text."""
         late = {
             GRID_ACTIVE: (AlertKind.NOT_READY, self.times.ready_alert),
             GREEN_GREEN: (AlertKind.GREEN_UNACKNOWLEDGED, self.times.green_alert),
@@ -1986,25 +1869,19 @@ class Race:
             if kart.lost_since is not None:
                 # A kart that is back may not have stopped yet; only its report ends the alert.
                 if kart.may_be_moving:
-                    yield AlertKind.LOST_IN_MOTION, number, kart.lost_since, self._lost(kart)
+                    yield AlertKind.LOST_IN_MOTION, number, self._lost(kart)
                 elif not kart.connected:
-                    text = f'{_capital(kart)} lost its connection'
-                    yield AlertKind.KART_LOST, number, kart.lost_since, text
+                    yield AlertKind.KART_LOST, number, f'{_capital(kart)} lost its connection'
             if kart.connected and kart.may_be_moving and kart.sent in (IN_GARAGE, GRID_ACTIVE):
                 text = f'it reported GREEN_GREEN while being sent {kart.sent.value}'
-                yield AlertKind.MOVING_UNASKED, number, None, f'Stop {kart} with RED_RED: {text}'
+                yield AlertKind.MOVING_UNASKED, number, f'Stop {kart} with RED_RED: {text}'
             if kart.in_race and kart.link is not None and kart.link.grade is Grade.POOR:
-                how = f'takes {kart.link.worst_answer:.1f} s to answer, so it may stop late'
-                if kart.link.behind:
-                    how = (
-                        f'may read a stop {kart.link.behind:.1f} s late: it echoes fewer '
-                        'frames than it is sent, or leaves frames unread'
-                    )
-                text = f'Send RED_FLAG, or LEAVE_RACE before GREEN_GREEN: {kart} {how}'
-                yield AlertKind.LINK_POOR, number, None, text
+                text = f'{kart} {kart.link.delay}'
+                text = f'Send RED_FLAG, or LEAVE_RACE before GREEN_GREEN: {text}'
+                yield AlertKind.LINK_POOR, number, text
             if kart.contested:
                 text = f'Two programs keep connecting as {kart}: have the team stop one of them'
-                yield AlertKind.TWO_PROGRAMS, number, None, text
+                yield AlertKind.TWO_PROGRAMS, number, text
             if kart.sent in late and not kart.acknowledged:
                 alert, limit = late[kart.sent]
                 # In a red state, a new connection restarts the time unless the kart had been lost.
@@ -2019,42 +1896,35 @@ class Race:
                     text = f'{kart} stopped itself while being sent {kart.sent.value}'
                 if alert not in MSR_ALERTS and not kart.connected:
                     text += ' because it is not connected'
-                yield alert, number, due, _capital(text)
+                yield alert, number, _capital(text)
         if self.track_open and not self._humans_allowed()[0]:
-            text = f'Clear the track: {self._humans_allowed()[1]}'
-            yield AlertKind.TRACK_UNSAFE, 0, None, text
+            yield AlertKind.TRACK_UNSAFE, 0, f'Clear the track: {self._humans_allowed()[1]}'
         if self.has_rival:
-            yield (
-                AlertKind.TWO_RACE_CONTROLS,
-                0,
-                None,
+            text = (
                 'Another race control is running: shut it down. Until then, nothing can be '
                 'started or released. Stops still work, but each stop reaches only the karts '
-                'that are connected to the race control that receives it',
+                'that are connected to the race control that receives it'
             )
-        since = self._unattended_since()
-        if since is not None:
+            yield AlertKind.TWO_RACE_CONTROLS, 0, text
+        if self._unattended_since() is not None:
             text = (
                 'Open a window: race control is not in contact with any screen or button that can '
                 'stop the race'
             )
             if self.times.nobody_there:
                 text += f'. If there is none for {self.times.nobody_there:g} s, it sends RED_FLAG'
-            yield AlertKind.NOBODY_THERE, 0, since, text
+            yield AlertKind.NOBODY_THERE, 0, text
         if self.there.button_fault:
-            text = f'Check the stop button: {self.there.button_fault}'
-            yield AlertKind.BUTTON_FAULT, 0, None, text
+            yield AlertKind.BUTTON_FAULT, 0, f'Check the stop button: {self.there.button_fault}'
         if self.record_fails:
-            yield AlertKind.RECORD_FAILING, 0, None, self.record_fails
+            yield AlertKind.RECORD_FAILING, 0, self.record_fails
 
     @staticmethod
     def _lost(kart: Kart) -> str:
         text = f'{_capital(kart)} lost its connection while it may have been moving'
-        if not kart.connected:
-            return text
-        if not kart.stopped:
-            return f'{text}. It is back but has not stopped yet'
-        return f'{text}. It is back and reports that it has stopped: check that it is not rolling'
+        stopped = 'and reports that it has stopped: check that it is not rolling'
+        how = stopped if kart.stopped else 'but has not stopped yet'
+        return f'{text}. It is back {how}' if kart.connected else text
 
     def _report_alerts(self, now: float) -> None:
         current = {(alert.kind, alert.kart): alert for alert in self.alerts(now)}
@@ -2107,6 +1977,9 @@ class Race:
             self.number = 0  # only from now on: IN_GARAGE itself belongs to the race that it ends
         return outcome
 
+    def _last_place(self) -> int:
+        return max((kart.place for kart in self.karts.values()), default=0)
+
     def _place(self, number: int) -> int:
         """Return the place of a kart; 0 if the kart has no place, or is not in the roster."""
         kart = self.karts.get(number)
@@ -2124,6 +1997,8 @@ BEGAN = 'race control has started and does not know what happened before that'
 """Why the race is in RED_RED if there is no proof that the last run ended normally."""
 
 NOT_IN_ROSTER = 'no longer in the roster'
+
+SEND_AGAIN = 'Check the race, then send this command again'
 
 NOBODY_THERE = 'race control was not in contact with any screen or button that can stop the race'
 """Why race control sends RED_FLAG to a race that nobody can stop."""
@@ -2184,6 +2059,7 @@ class Rule:
 
     :param effect: puts the command into effect and returns the message to the official.
     :param refusal: returns why the command is refused now; empty if the command is allowed.
+    :param states: the states of the race in which the command is possible.
     :param statement: returns what the official must state; empty if no statement is needed.
     :param karts: returns the karts that the command starts or releases.
     """
@@ -2192,6 +2068,7 @@ class Rule:
     refusal: Guard = lambda race, command: ''
     statement: Guard = lambda race, command: ''
     karts: Callable[[Race, Command], Iterable[Kart]] = lambda race, command: ()
+    states: tuple[RaceState, ...] = tuple(RaceState)
 
 
 COMMANDS: dict[CommandKind, Rule] = {
@@ -2208,23 +2085,28 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.GRID_ACTIVE: Rule(
         Race._grid_active,
         Race._no_grid_active,
-        lambda race, command: (
-            'the track, which this command closes, is clear of humans'
-            if race.track_open
-            else 'the track is clear of humans'
-        ),
+        lambda race, command: 'the track is clear of humans (this command closes it)',
         Race._started,
+        states=(IN_GARAGE, GRID_ACTIVE),
     ),
-    CommandKind.GREEN_GREEN: Rule(Race._green_green, Race._no_green_green, karts=Race._started),
-    CommandKind.RACE_OVER: Rule(Race._race_over, Race._no_race_over),
+    CommandKind.GREEN_GREEN: Rule(
+        Race._green_green,
+        Race._no_green_green,
+        karts=Race._started,
+        states=(GRID_ACTIVE,),
+    ),
+    CommandKind.RACE_OVER: Rule(
+        Race._race_over, states=(GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED)
+    ),
     CommandKind.IN_GARAGE: Rule(
         Race._race_in_garage,
         Race._no_in_garage,
         Race._state_track_safe,
         Race._released_by_garage,
+        states=(GRID_ACTIVE, RED_RED),
     ),
     # One kart.
-    CommandKind.KART_FINISH: Rule(Race._kart_finish, Race._no_finish),
+    CommandKind.KART_FINISH: Rule(Race._kart_finish, Race._no_finish, states=(GREEN_GREEN,)),
     CommandKind.KART_IN_GARAGE: Rule(
         Race._release_kart,
         Race._no_release,
@@ -2237,12 +2119,20 @@ COMMANDS: dict[CommandKind, Rule] = {
         Race._no_undo_finish,
         lambda race, command: f'{race.karts[command.kart]} has not finished',
     ),
-    CommandKind.JOIN_RACE: Rule(Race._join_race, Race._no_join),
-    CommandKind.LEAVE_RACE: Rule(Race._leave_race, Race._no_leave),
-    CommandKind.SET_HEAT: Rule(Race._set_heat, Race._no_set_heat),
-    CommandKind.READ_ROSTER: Rule(Race._read_roster, Race._no_read_roster),
-    CommandKind.TAKE_ROSTER: Rule(Race._take_roster, Race._no_take_roster, Race._changes),
-    CommandKind.OPEN_TRACK: Rule(Race._open_track, Race._no_open_track, Race._state_no_race),
+    CommandKind.JOIN_RACE: Rule(Race._join_race, Race._no_join, states=(IN_GARAGE,)),
+    CommandKind.LEAVE_RACE: Rule(
+        Race._leave_race, Race._no_leave, states=(IN_GARAGE, GRID_ACTIVE)
+    ),
+    CommandKind.SET_HEAT: Rule(Race._set_heat, Race._no_set_heat, states=(IN_GARAGE,)),
+    CommandKind.READ_ROSTER: Rule(Race._read_roster, Race._no_read_roster, states=(IN_GARAGE,)),
+    CommandKind.TAKE_ROSTER: Rule(
+        Race._take_roster, Race._no_take_roster, Race._changes, states=(IN_GARAGE,)
+    ),
+    CommandKind.OPEN_TRACK: Rule(
+        Race._open_track,
+        Race._no_open_track,
+        lambda race, command: NO_RACE_ANYWHERE if race.unstated else '',
+    ),
     CommandKind.CLOSE_TRACK: Rule(Race._close_track),
 }
 """The rule of every command."""
