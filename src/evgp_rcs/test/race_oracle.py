@@ -474,8 +474,13 @@ def _is_unanswered(view: View, kart: KartView) -> bool:
 
 
 def _unfit(view: View) -> tuple[int, ...]:
-    """Return who must not be near a race that starts, whatever karts answer."""
-    return _as_named(k for k in view.karts if k.moving or (k.doubt and not k.in_race))
+    """Return with whom no race starts, whatever karts answer."""
+    racing = [kart for kart in view.karts if kart.in_race]
+    return (
+        tuple(kart.number for kart in racing if kart.hold is not None)
+        or tuple(kart.number for kart in racing if kart.contested)
+        or _as_named(k for k in view.karts if k.moving or (k.doubt and not k.in_race))
+    )
 
 
 def _red(kart: KartView) -> bool:
@@ -503,21 +508,16 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     numbers = tuple(kart.number for kart in racing)
     state = view.state
     if kind == 'GRID_ACTIVE':
-        held = tuple(kart.number for kart in racing if kart.hold is not None)
-        held = held or _unfit(view)
-        held = held or tuple(kart.number for kart in racing if kart.contested)
-        held = held or tuple(kart.number for kart in racing if kart.barred)
+        unfit = tuple(kart.number for kart in racing if kart.barred) or _unfit(view)
         in_time = state in (IN_GARAGE, GRID_ACTIVE) and bool(racing)
-        allowed = in_time and not held and not view.trouble
-        return Judgement(allowed, True, held * in_time, numbers)
+        allowed = in_time and not unfit and not view.trouble
+        return Judgement(allowed, True, unfit * in_time, numbers)
     if kind == 'GREEN_GREEN':
         missing = tuple(
             kart.number
             for kart, memory in zip(view.karts, facts.karts, strict=True)
             if kart.in_race and not (kart.connected and memory.ready and kart.acked)
         )
-        missing = tuple(kart.number for kart in racing if kart.hold is not None) or missing
-        missing = missing or tuple(kart.number for kart in racing if kart.contested)
         missing = missing or _unfit(view)
         in_time = state is GRID_ACTIVE and facts.grid_last and bool(racing)
         allowed = in_time and not missing and view.start is None and not view.trouble

@@ -273,8 +273,7 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
         (
             does(('KART_RED_FLAG', 2)),
             0,
-            'karts in the race are held; release them first: kart 2 (Volta): RED_FLAG by an '
-            'official',
+            'karts in the race are held; release them first: kart 2 (Volta): RED_FLAG',
         ),
         (drives_unasked, 0, 'kart 3 (Tesla) may be moving: stop it with RED_RED'),
         (does(('KART_RED_RED', SPECTATOR)), 0, 'kart 3 (Tesla) has not acknowledged RED_RED'),
@@ -308,8 +307,11 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
         ),
     ],
     'KART_IN_GARAGE': [
-        ('IN_GARAGE', 1, 'kart 1 (Ohm) is already in IN_GARAGE'),
-        ('GREEN_GREEN', 1, 'kart 1 (Ohm) is being sent GREEN_GREEN; stop it with RED_RED first'),
+        (
+            'GREEN_GREEN',
+            1,
+            'kart 1 (Ohm) is being sent GREEN_GREEN; only a kart sent a red can be released',
+        ),
     ],
     'LEAVE_RACE': [
         (
@@ -424,7 +426,7 @@ ANSWERS: list[tuple[Reach, str, int, str]] = [
         'SET_HEAT',
         0,
         '"Heat 1" is now in the race (karts 1, 2), with no other karts. Still held: kart 2 '
-        '(Volta): RED_RED by an official',
+        '(Volta): RED_RED',
     ),
     (
         FINISHED,
@@ -514,7 +516,7 @@ def test_all_kill_does_not_hide_that_an_official_held_a_kart_alone(
     for kind in (first, second, second):
         officials.does(kind, SPECTATOR if kind == 'KART_RED_FLAG' else None)
     reason = officials.race.karts[SPECTATOR].hold_reason
-    assert sorted(reason.split('; ')) == ['ALL_KILL', 'RED_FLAG by an official']
+    assert sorted(reason.split('; ')) == ['ALL_KILL', 'RED_FLAG']
 
 
 # ----- acknowledgements -------------------------------------------------------------------

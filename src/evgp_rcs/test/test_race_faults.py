@@ -142,8 +142,8 @@ GREEN_GREEN while a kart is not connected: availability, green-needs-acks _no_gr
     connected not => each.connected and (not each.acknowledged)
 GREEN_GREEN while a kart has not acknowledged: availability, green-needs-acks, refusal-silent
     _no_green_green: without acknowledged
-GRID_ACTIVE while a kart is held: availability _none_or_held: _held racing => _held(each for each
-    in racing if each.hold is RED_FLAG)
+GRID_ACTIVE while a kart is held: availability _no_race: _held racing => _held(each for each in
+    racing if each.hold is RED_FLAG)
 GRID_ACTIVE without the statement that the track is clear: statement COMMANDS: clear => ''
 joining the race releases a held kart: membership-loosens, hold-forgotten _join_race: after
     in_race: self._unhold(kart)
@@ -259,10 +259,10 @@ a kart lost on the grid lets humans on the track: track-access, availability _da
     it and kart.in_race and (self.state is IN_GARAGE)
 a kart in the garage that was seen to move lets humans on the track: track-access, availability,
     refusal-silent, restart _danger: may_be_moving #1 => kart.hold
-the grid forms with a kart that was seen to move: availability [around] _doubtful: may_be_moving =>
+the grid forms with a kart that was seen to move: availability [around] _no_race: may_be_moving =>
     each.hold
 GREEN_GREEN counts the acknowledgement of a red: availability, green-needs-acks, refusal-silent
-    [around] _no_green_green: _none_or_held ( => '' if list(self.racing()) else it
+    [around] _no_green_green: _no_race ( => ''
 IN_GARAGE does not wait for a lost kart: availability _waited_for: without in_race msr_used
 IN_GARAGE waits for lost karts in spite of the MSR: availability, stuck _waited_for: always
     msr_used not
@@ -293,7 +293,7 @@ a stop is refused while another race control runs: availability, stop-refused _r
     has_rival => self.has_rival
 another race control raises no alert: alerts _current_alerts: has_rival => it and self.record_fails
 a race starts without a record: no-record, availability, start-answer, start-first
-    _no_record: always record_fails not
+    _no_race: always record_fails not
 a failing record raises no alert: alerts _current_alerts: record_fails #1 => it and self.has_rival
 a release is taken right behind a stop: effect, pause, available-from command: skips _pause
 a stop to one kart lets a release through: effect, pause, available-from command: kind stop => it
@@ -324,8 +324,8 @@ a start that waited while race control was held up goes out: pause [waits] _end_
     now + 9.0
 what was written for another start starts karts: start-answer, start-first start_saved: start !=
     => self.start.number < number
-a second GREEN_GREEN takes the place of the one that waits: availability _no_green_green: never
-    start
+a second GREEN_GREEN takes the place of the one that waits: availability _no_green_green: start
+    self => None
 while a start waits a crash leaves the race on the grid: start-memory memory: skips start if
 a start that is refused is waited for all the same: effect _end_of_start: instead of start None: if
     saved: ¶> self.start = None
@@ -374,22 +374,22 @@ a kart that has only just acknowledged is released alone without a word: stateme
     _state_made_safe: stands => kart.stopped
 the alarm of a kart lost in motion ends with its acknowledgement: effect, alerts heard: after
     times: kart.lost_since = None
-GREEN_GREEN while a kart taken off the grid has not answered: availability _doubtful: doubt
+GREEN_GREEN while a kart taken off the grid has not answered: availability _no_race: doubt
     may_be_moving => each.in_race and each.may_be_moving
 GREEN_GREEN while a kart outside the race is lost on the grid: availability [two on the grid]
-    _doubtful: without doubt in_race
-GREEN_GREEN while a kart on the grid may be moving: availability [around] _doubtful: without
+    _no_race: without doubt in_race
+GREEN_GREEN while a kart on the grid may be moving: availability [around] _no_race: without
     may_be_moving
 GREEN_GREEN while a kart that left the grid has only just acknowledged: availability [two on the
-    grid] _doubtful: doubt may_be_moving => it and (not each.stopped)
-GREEN_GREEN does not name the kart in doubt: refusal-silent _doubtful: _dangers ( => 'a kart may be
+    grid] _no_race: doubt may_be_moving => it and (not each.stopped)
+GREEN_GREEN does not name the kart in doubt: refusal-silent _no_race: _dangers ( => 'a kart may be
     moving' if it else ''
 GRID_ACTIVE while a kart outside the race may be moving: availability _no_grid_active: without
-    _doubtful
-the grid forms with a kart as which two programs connect: availability [network] _no_grid_active:
-    without _contested
+    _no_race
+the grid forms with a kart as which two programs connect: availability [network] _no_race: contested
+    each => it and self.state is GRID_ACTIVE
 a race starts with a kart as which two programs connect: availability, contested [network]
-    _no_green_green: without _contested
+    _no_race: contested each => it and self.state is IN_GARAGE
 two programs of one kart raise no alert: alerts [network] _current_alerts: contested => it and
     self.has_rival
 GRID_ACTIVE that is given again clears the places: effect, finish-other, order-wrong, nobody-there,
@@ -448,8 +448,10 @@ a kart whose program boots calls for the MSR: alerts, alarm-cleared _current_ale
     _covered_by_statement
 the MSR is asked for to clear the track of karts that were not seen to move: use-msr alerts: skips
     doubt
-GREEN_GREEN without a record: availability, no-record _no_green_green: _no_record ( => ''
-GRID_ACTIVE without a record: availability _no_grid_active: without _no_record
+GREEN_GREEN without a record: availability, no-record _no_race: record_fails not => it or
+    self.state is GRID_ACTIVE
+GRID_ACTIVE without a record: availability _no_race: record_fails not => it or self.state is
+    IN_GARAGE
 a record that fails while a start waits does not stop it: start-first, no-record [waits around]
     _end_of_start: instead of came: trouble = self.record_fails ¶ if saved:
     ¶> self.record_fails = '' ¶ refusal = self._refusal_of(start.command, start.came) ¶
@@ -522,7 +524,7 @@ a race goes home from the grid with a kart that has an unanswered stop: availabi
 a race never goes home from the grid with a kart on it: availability, stuck _no_in_garage: _dangers
     ( => _listed(each for each in self.racing() if each.doubt)
 a race cannot go home without a record: availability [around] _no_in_garage: instead of missing if
-    return: if not missing: ¶> return self._no_record()
+    return #1: if not missing: ¶> return self.record_fails
 a FINISH of another run of race control is taken: finish-other [green] _no_finish: run meant =>
     meant[1:] != (self.number, kart.attempt)
 a FINISH of another race is taken: finish-other [green] _no_finish: number => command.race

@@ -1185,7 +1185,7 @@ class Race:
         kart.hold = None
         kart.hold_reason = ''
         kart.held_alone = False
-        kart.finish_due = None
+        kart.lost_since = None
 
     def _settle(self, kart: Kart, now: float) -> None:
         """End the doubt about a kart that has kept reporting its red state for long enough."""
@@ -1200,8 +1200,9 @@ class Race:
     def _cause(self) -> str:
         """Return the command that is taking effect, and who sent it."""
         assert self._by is not None
+        kind = self._by.kind.value.removeprefix('KART_')
         official = f' by {self._by.official}' if self._by.official else ''
-        return ', '.join(filter(None, (f'{self._by.kind.value}{official}', self._by.pressed)))
+        return ', '.join(filter(None, (f'{kind}{official}', self._by.pressed)))
 
     def _go(self, state: RaceState, now: float, why: str = '') -> None:
         if state is not self.state:
@@ -1223,10 +1224,8 @@ class Race:
             kart.lost_since = now
         text = f'{_capital(kart)} disconnected: {reason}'
         self._add_event(EventKind.DISCONNECTED, text, kart.number, chatter=kart.contested)
-        if under_way and self.state is not GRID_ACTIVE:
+        if (under_way and self.state is not GRID_ACTIVE) or kart.may_be_moving:
             self._hold(kart, RED_RED, f'lost its connection in {self.state.value}', now)
-        elif kart.may_be_moving:
-            self._hold(kart, RED_RED, 'lost its connection while it may have been moving', now)
 
     # ----- the effects of the commands ----------------------------------------------------
 
@@ -1279,12 +1278,8 @@ class Race:
     def _race_in_garage(self, command: Command, now: float) -> str:
         released = list(self._released_by_garage(command))
         for each in released:
-            if self._covered_by_statement(each):
-                each.lost_since = None
             self._unhold(each)
         kept = [each for each in self.karts.values() if each.hold is not None]
-        for each in self.karts.values():
-            each.finish_due = None
         self.over = False
         self.msr_used = False
         if self.past_unknown:
@@ -1292,6 +1287,7 @@ class Race:
         self._report_order_of_finish()  # of a race that was stopped and never declared over
         self._go(IN_GARAGE, now)
         for each in self.karts.values():
+            each.finish_due = None
             self._redirect(each, now)
         message = f'IN_GARAGE sent to {_receivers(released)}'
         if kept:
@@ -1316,10 +1312,8 @@ class Race:
     def _stop_kart(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
         hold = RED_RED if command.kind is CommandKind.KART_RED_RED else RED_FLAG
-        by = f'{hold.value} by {command.official or "an official"}'
-        reason = ', '.join(filter(None, (by, command.pressed)))
         self._doubt_that_it_stands(kart)
-        self._hold(kart, hold, reason, now, alone=True)
+        self._hold(kart, hold, self._cause(), now, alone=True)
         absent = '' if kart.connected else ', but it is not connected'
         return f'{_capital(kart)} is held in {kart.sent.value}{absent}'
 
@@ -1328,8 +1322,7 @@ class Race:
         kart.place = self._last_place() + 1
         delay = self.times.finish_delay(kart.place)
         kart.finish_due = now + delay
-        text = f'{_capital(kart)} finished as P{kart.place}'
-        return f'{text}; RED_FLAG follows in {delay:g} s'
+        return f'{_capital(kart)} finished as P{kart.place}; RED_FLAG follows in {delay:g} s'
 
     def _kart_undo_finish(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
@@ -1345,13 +1338,11 @@ class Race:
         kart = self.karts[command.kart]
         self._unhold(kart)
         self._end_doubt(kart)
+        kart.finish_due = None
         out = kart.in_race and self.state is not IN_GARAGE
-        if out:
-            kart.in_race = False
+        kart.in_race = kart.in_race and not out
         self._redirect(kart, now)
-        return f'{_capital(kart)} is released to IN_GARAGE' + (
-            ' and is out of the race' if out else ''
-        )
+        return f'{_capital(kart)} is released to IN_GARAGE{" and is out of the race" * out}'
 
     def _join_race(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
@@ -1361,13 +1352,11 @@ class Race:
 
     def _leave_race(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
-        held = self.state is not IN_GARAGE
         kart.in_race = False
-        if held:
+        if self.state is not IN_GARAGE:
             self._hold(kart, RED_RED, 'taken out of the race on the grid', now)
-            return f'{_capital(kart)} is out of the race and held in RED_RED'
         self._redirect(kart, now)
-        return f'{_capital(kart)} is out of the race'
+        return f'{_capital(kart)} is out of the race and is being sent {kart.sent.value}'
 
     def _set_heat(self, command: Command, now: float) -> str:
         (heat,) = (each for each in self.heats if each.name == command.heat)
@@ -1421,50 +1410,34 @@ class Race:
             return f'{self._paused_by}. {SEND_AGAIN}'
         return ''
 
-    def _no_grid_active(self, command: Command) -> str:
-        return (
-            self._none_or_held()
-            or self._doubtful()
-            or self._contested()
-            or self._uninspected(self.racing())
-            or self._no_record()
-        )
-
-    def _none_or_held(self) -> str:
+    def _no_race(self) -> str:
+        """Return why no race can start, and so why GRID_ACTIVE and GREEN_GREEN are refused."""
         racing = list(self.racing())
-        held = _held(racing)
-        if held:
+        if not racing:
+            return 'no kart is in the race'
+        if held := _held(racing):
             return f'karts in the race are held; release them first: {held}'
-        return '' if racing else 'no kart is in the race'
-
-    def _doubtful(self) -> str:
-        """Return which karts make it unsafe to start a race, and why; empty if no kart does."""
-        return self._dangers(
+        if contested := _listed(each for each in racing if each.contested):
+            return f'two programs keep connecting as {contested}; have the team stop one of them'
+        unsafe = self._dangers(
             each
             for each in self.karts.values()
             if each.may_be_moving or (each.doubt and not each.in_race)
         )
-
-    def _contested(self) -> str:
-        contested = _listed(each for each in self.racing() if each.contested)
-        text = f'two programs keep connecting as {contested}; have the team stop one of them'
-        return text if contested else ''
-
-    def _no_record(self) -> str:
-        """Return why the record prevents a race, and what to do; empty if the record works."""
-        if not self.record_fails:
-            return ''
+        if unsafe or not self.record_fails:
+            return unsafe
         return (
             f'{self.record_fails}. A race cannot start without a record. Make room on the disk, '
             'or restart race control with the parameter record set to a path on another disk. As '
             'a last resort, use /dev/shm'
         )
 
+    def _no_grid_active(self, command: Command) -> str:
+        return self._uninspected(self.racing()) or self._no_race()
+
     def _no_green_green(self, command: Command) -> str:
         if not self.grid_was_last:
             return 'another command was sent after GRID_ACTIVE; send GRID_ACTIVE again'
-        if unfit := self._none_or_held():
-            return unfit
         missing = [
             f'{each}: {self._silence(each)}'
             for each in self.racing()
@@ -1472,16 +1445,14 @@ class Race:
         ]
         if missing:
             return f'waiting for {_cut(missing)}'
-        if unfit := self._contested() or self._doubtful():
-            return unfit
+        if reason := self._no_race():
+            return reason
         if self.nobody_since is not None:
             return (
                 'race control is no longer in contact with any screen or button that can stop the '
                 'race; open a window, or start again from IN_GARAGE'
             )
-        if self.start is not None:
-            return 'another GREEN_GREEN is still waiting for the record'
-        return self._no_record()
+        return 'another GREEN_GREEN is still waiting for the record' if self.start else ''
 
     def _no_in_garage(self, command: Command) -> str:
         if self.state is GRID_ACTIVE:
@@ -1495,14 +1466,10 @@ class Race:
         ]
         if not missing:
             return ''
-        how = (
-            ''
-            if self.msr_used
-            else 'use the MSR and record its use, or, if the kart is off the track, '
-        )
+        msr = 'use the MSR and record its use, or, if the kart is off the track, '
         return (
-            f'waiting for {_cut(missing)}. If a kart does not answer, {how}make it safe by hand '
-            'and release it individually'
+            f'waiting for {_cut(missing)}. If a kart does not answer, '
+            f'{"" if self.msr_used else msr}make it safe by hand and release it individually'
         )
 
     def _no_open_track(self, command: Command) -> str:
@@ -1515,9 +1482,7 @@ class Race:
             return f'{kart} is not in the race'
         if kart.place:
             return f'{kart} has already finished as P{kart.place}'
-        if not kart.connected:
-            return f'{kart} is not connected'
-        if kart.hold is not None:
+        if kart.hold is not None:  # so is a kart that lost its connection
             return f'{kart} is held: {kart.hold_reason}'
         meant = command.run, command.race, command.attempt
         if command.run and meant != (self.run, self.number, kart.attempt):
@@ -1529,19 +1494,14 @@ class Race:
         if not kart.place:
             return f'{kart} has no place'
         if kart.number not in self.starters:
-            return (
-                f'the order of FINISH has already been reported, with {kart} as '
-                f'P{kart.place}; correct the result at the timekeeper or on paper'
-            )
+            return f'the order of FINISH already names {kart}; correct it at the timekeeper'
         return ''
 
     def _no_release(self, command: Command) -> str:
         kart = self.karts[command.kart]
-        if kart.sent is IN_GARAGE:
-            return f'{kart} is already in IN_GARAGE'
-        if not kart.sent.is_red:
-            return f'{kart} is being sent {kart.sent.value}; stop it with RED_RED first'
-        return ''
+        if kart.sent.is_red:
+            return ''
+        return f'{kart} is being sent {kart.sent.value}; only a kart sent a red can be released'
 
     def _no_join(self, command: Command) -> str:
         kart = self.karts[command.kart]
