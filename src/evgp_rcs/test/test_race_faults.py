@@ -175,10 +175,10 @@ a finish is undone when the order of FINISH was told: availability [green] _no_u
     number
 a finish is undone without the statement that the kart has not finished: statement COMMANDS: kart
     has => ''
-the race goes over while a finish is outstanding: sent-wrong, effect _race_over_due: without
-    finish_due
+the race goes over while a finish is outstanding: sent-wrong, effect _all_have_finished:
+    without finish_due
 the race goes over when the first kart has finished: sent-wrong, effect [two in green]
-    _race_over_due: instead of place: if not kart.place or kart.finish_due is not None: ¶> continue
+    _all_have_finished: all ( => any(kart.place and kart.finish_due is None for kart in racing)
 humans may be on the track while the race drives: track-access, availability _humans_allowed: state
     GREEN_GREEN => self.state is GRID_ACTIVE
 the track stays open when the grid forms: track-open-in-motion _grid_active: without track_open
@@ -386,8 +386,8 @@ GREEN_GREEN does not name the kart in doubt: refusal-silent _no_race: _dangers (
     moving' if it else ''
 GRID_ACTIVE while a kart outside the race may be moving: availability _no_grid_active: without
     _no_race
-the grid forms with a kart as which two programs connect: availability [network] _no_race: contested
-    each => it and self.state is GRID_ACTIVE
+the grid forms with a kart as which two programs connect: availability [network] _no_race:
+    contested each => it and self.state is GRID_ACTIVE
 a race starts with a kart as which two programs connect: availability, contested [network]
     _no_race: contested each => it and self.state is IN_GARAGE
 two programs of one kart raise no alert: alerts [network] _current_alerts: contested => it and
@@ -440,8 +440,8 @@ race control that is cut off is so for ever: availability, effect, stuck [networ
     cut_off_by reason => (self.cut_off_by, reason or self.cut_off_by)
 the command that settles what is not known is not named: track-access [unknown] _humans_allowed:
     IN_GARAGE CommandKind => None
-the first start lets humans near before anybody has spoken: track-access [first] track_access:
-    unstated => it and self.track_open
+the first start lets humans near before anybody has spoken: track-access [first]
+    _humans_allowed: unstated => it and self.track_open
 one kart of two that goes silent is race control that is cut off: effect, sent-wrong [silence on
     the grid] _check_whether_all_went_silent: instead of len everyone: if len(silent) == 1: ¶> pass
 a kart whose program boots calls for the MSR: alerts, alarm-cleared _current_alerts: skips

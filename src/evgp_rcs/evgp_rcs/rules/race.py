@@ -1058,8 +1058,7 @@ class Race:
             if kart.finish_due is not None and now >= kart.finish_due:
                 kart.finish_due = None
                 self._hold(kart, RED_FLAG, MARKED_AS_FINISHED, now)
-        due = self._race_over_due()
-        if due is not None and now >= due:
+        if self._all_have_finished(now):
             self.over = True
             self._go(RED_RED, now, 'race over (all karts have finished)')
             self._report_order_of_finish()
@@ -1116,12 +1115,6 @@ class Race:
         made safe by hand.
         """
         allowed, reason, settled_by = self._humans_allowed()
-        if allowed and self.unstated and not self.msr_used:
-            allowed, settled_by = False, CommandKind.OPEN_TRACK
-            reason = (
-                f'no official has yet stated that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for this '
-                'statement'
-            )
         return TrackAccess(
             self.track_open, allowed, reason, self.msr_used, self.opening, settled_by
         )
@@ -1473,8 +1466,8 @@ class Race:
         )
 
     def _no_open_track(self, command: Command) -> str:
-        allowed, reason, _ = self._humans_allowed()
-        return '' if allowed else reason
+        allowed, reason, settled_by = self._humans_allowed()
+        return '' if allowed or settled_by is CommandKind.OPEN_TRACK else reason
 
     def _no_finish(self, command: Command) -> str:
         kart = self.karts[command.kart]
@@ -1620,14 +1613,12 @@ class Race:
     def _state_track_safe(self, command: Command) -> str:
         if not self.past_unknown:
             return 'the track is safe for humans'
-        silent = [
-            each
-            for each in self.karts.values()
-            if self._covered_by_statement(each) and not each.stands
-        ]
+        covered = filter(self._covered_by_statement, self.karts.values())
+        silent = _listed(each for each in covered if not each.stands)
         text = f'the track is safe for humans, {NO_RACE_ANYWHERE}'
-        more = f', not even those that have not confirmed a stop: {_listed(silent)}'
-        return text + more if silent else text
+        if silent:
+            text += f', not even those that have not confirmed a stop: {silent}'
+        return text
 
     def _state_made_safe(self, command: Command) -> str:
         kart = self.karts[command.kart]
@@ -1652,13 +1643,10 @@ class Race:
                 value = getattr(new, what)
                 if value != getattr(kart, what):
                     said.append(f'{kart} has a new entry "{what}: {value}"')
-        before, heats = dict(self.heats), dict(self._read.heats)
-        said += [
-            f'"{name}": {_numbers(karts)}'
-            for name, karts in heats.items()
-            if before.get(name) != karts
-        ]
-        said += [f'"{name}" is removed' for name in before if name not in heats]
+        heats = dict(self._read.heats)
+        new_heats = (heat for heat in self._read.heats if heat not in self.heats)
+        said += [f'"{heat.name}": {_numbers(heat.karts)}' for heat in new_heats]
+        said += [f'"{heat.name}" is removed' for heat in self.heats if heat.name not in heats]
         return '; '.join(said) or 'the same karts and heats'
 
     # ----- derived ------------------------------------------------------------------------
@@ -1682,7 +1670,7 @@ class Race:
         return (kart for kart in self.karts.values() if kart.in_race)
 
     def _humans_allowed(self) -> tuple[bool, str, CommandKind | None]:
-        """Return whether humans are allowed, why, and the command that would allow them."""
+        """Return whether humans are allowed, why, and the command whose statement is missing."""
         if self.msr_used:
             return True, 'the Master Safety Remote was used', None
         if self.state in (GRID_ACTIVE, GREEN_GREEN):
@@ -1697,6 +1685,9 @@ class Race:
                 'race control does not know what happened: look at every kart, then send IN_GARAGE'
             )
             return False, reason, CommandKind.IN_GARAGE
+        if self.unstated:
+            reason = f'no official has stated that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for this'
+            return False, reason, CommandKind.OPEN_TRACK
         if not any(kart.connected for kart in self.karts.values()):
             reason = 'no kart is connected, so race control does not know what the karts are doing'
             return True, reason, None
@@ -1775,19 +1766,18 @@ class Race:
         """Return `nobody_since` in GRID_ACTIVE and GREEN_GREEN; otherwise None."""
         return self.nobody_since if self.state in (GRID_ACTIVE, GREEN_GREEN) else None
 
-    def _race_over_due(self) -> float | None:
-        """Return when the race is due to end automatically (§3.C); None if it is not due."""
-        if not self.times.auto_race_over or self.state not in (GREEN_GREEN, RED_FLAG):
-            return None
-        if not self.starters:
-            return None  # the places belong to the last race
-        due = None
-        for kart in self.racing():
-            if not kart.place or kart.finish_due is not None:
-                return None
-            stopped = kart.sent_since if kart.stopped else kart.sent_since + self.times.finish_stop
-            due = stopped if due is None else max(due, stopped)
-        return due
+    def _all_have_finished(self, now: float) -> bool:
+        """Return whether the race ends now because all its karts have finished (§3.C)."""
+        racing = list(self.racing())
+        if not (self.times.auto_race_over and racing and self.state in (GREEN_GREEN, RED_FLAG)):
+            return False
+        # Without starters, the places belong to the last race.
+        return bool(self.starters) and all(
+            kart.place
+            and kart.finish_due is None
+            and (kart.stopped or now >= kart.sent_since + self.times.finish_stop)
+            for kart in racing
+        )
 
     def _report_all_answered(self) -> None:
         if self.state is IN_GARAGE:
@@ -1810,9 +1800,8 @@ class Race:
             return
         finished = sorted((each for each in starters if each.place), key=lambda each: each.place)
         missing = [str(each) for each in starters if not each.place]
-        text = 'Order of FINISH: ' + (
-            ', '.join(f'{each.place}. {each}' for each in finished) or 'no kart finished'
-        )
+        order = ', '.join(f'{each.place}. {each}' for each in finished) or 'no kart finished'
+        text = f'Order of FINISH: {order}'
         if missing:
             text += f'; did not finish: {", ".join(missing)}'
         self._events.append(Event(EventKind.ORDER_OF_FINISH, text))
@@ -1914,17 +1903,11 @@ class Race:
         self._events.append(Event(kind, text, kart, state, *of, **more))
 
     def _unknown_kart(self, command: Command) -> str:
-        numbers = ', '.join(str(number) for number in sorted(self.karts)) or 'no kart'
-        refusal = f'the roster has no kart {command.kart}; it has {numbers}'
-        if CATALOGUE[command.kind].stop:
-            refusal += '; ALL_KILL stops every kart'
-        return refusal
+        numbers = ', '.join(map(str, sorted(self.karts))) or 'no kart'
+        has = f'the roster has no kart {command.kart}; it has {numbers}'
+        return f'{has}; ALL_KILL stops every kart'
 
-    def _outcome(
-        self,
-        answer: Answer | None = None,
-        start: Start | None = None,
-    ) -> Outcome:
+    def _outcome(self, answer: Answer | None = None, start: Start | None = None) -> Outcome:
         of_race = (self.number, self.heat)
         # Not `_replace`, which is slow: it would delay a stop to a hundred karts by 0.3 ms.
         events = tuple(
