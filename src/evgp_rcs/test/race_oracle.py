@@ -244,8 +244,6 @@ class KartFacts(NamedTuple):
     :param ready: it answered the present GRID_ACTIVE on its present connection.
     :param lost: it dropped in a race under way or in motion, and nobody has answered for it since.
     :param phase: 0 after a red, 1 after IN_GARAGE, 2 after IN_GARAGE and then GRID_ACTIVE.
-    :param missing: since when it is missing, if it dropped from a race or in motion; in motion,
-        until it stands.
     :param stood: since when it has stood by its acknowledgement of the red it is sent, and race
         control would have heard it take that back.
     :param poor: its link was poor when last measured on its present connection.
@@ -256,7 +254,6 @@ class KartFacts(NamedTuple):
     ready: bool = False
     lost: bool = False
     phase: int = 1
-    missing: float | None = None
     stood: float | None = None
     poor: bool = False
     undone: int = 0
@@ -268,7 +265,6 @@ class Facts(NamedTuple):
     What the oracle remembers: of the race, and of each kart.
 
     :param grid_last: GRID_ACTIVE was the last button.
-    :param paused: until when what loosens is refused.
     :param superseded: the start that waits was given for an earlier GRID_ACTIVE.
     :param heat: the heat that was last put into the race, or at first the only one with its karts;
         None: not looked at.
@@ -278,7 +274,6 @@ class Facts(NamedTuple):
     """
 
     grid_last: bool
-    paused: float
     karts: tuple[KartFacts, ...]
     superseded: bool = False
     heat: str | None = ''
@@ -398,10 +393,10 @@ def remember(view: View) -> Facts:
     racing = [kart.number for kart in view.karts if kart.in_race]
     alike = [heat.name for heat in view.heats if sorted(heat.karts) == sorted(racing)]
     heat = alike[0] if len(alike) == 1 else ''
-    return Facts(False, view.paused, tuple(KartFacts() for _ in view.karts), heat=heat)
+    return Facts(False, tuple(KartFacts() for _ in view.karts), heat=heat)
 
 
-def recall(view: View, now: float, heat: str | None = '') -> Facts:
+def recall(view: View, heat: str | None = '') -> Facts:
     """
     Return the memory with which the oracle begins after a restart.
 
@@ -409,11 +404,7 @@ def recall(view: View, now: float, heat: str | None = '') -> Facts:
     """
     return Facts(
         False,
-        view.paused,
-        tuple(
-            KartFacts(lost=True, phase=0, missing=now if kart.doubt else None)
-            for kart in view.karts
-        ),
+        tuple(KartFacts(lost=True, phase=0) for _ in view.karts),
         heat=heat,
         race=int(bool(view.starters)),
     )
@@ -598,9 +589,9 @@ def as_seen(view: View, given: Input) -> Input:
     return given
 
 
-def is_paused(facts: Facts, kind: str, came: float) -> bool:
+def is_paused(view: View, kind: str, came: float) -> bool:
     """Return whether a command that came then may have been sent before a stop was seen."""
-    return kind in LOOSENING and came < facts.paused
+    return kind in LOOSENING and came < view.paused
 
 
 def of_start(start: StartView) -> Input:
@@ -634,7 +625,7 @@ def fate(
         given = of_start(start)
     opinion = opinion or judge(view, facts, given.kind, given.kart)
     stated = given.statement or not opinion.needs_statement
-    late = is_paused(facts, given.kind, now if given.came is None else given.came)
+    late = is_paused(view, given.kind, now if given.came is None else given.came)
     if late or not (
         opinion.allowed
         and stated
@@ -939,7 +930,7 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
     """Return the alerts of docs/rules.md: which, and of which kart."""
     alerts = set()
     for kart, memory in zip(view.karts, facts.karts, strict=True):
-        if memory.missing is not None:
+        if kart.lost is not None:
             if kart.moving:
                 alerts.add(('LOST_IN_MOTION', kart.number))
             elif not kart.connected:
@@ -959,7 +950,7 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
         if kart.sent is GREEN_GREEN and now >= kart.since + times.green_alert:
             alerts.add(('GREEN_UNACKNOWLEDGED', kart.number))
         # A kart that was not lost in motion has the whole time from when it comes.
-        since = kart.since if memory.missing is not None else max(kart.since, memory.joined)
+        since = kart.since if kart.lost is not None else max(kart.since, memory.joined)
         if kart.sent is RED_FLAG and now >= since + times.flag_alert:
             alerts.add(('FLAG_UNACKNOWLEDGED', kart.number))
         if kart.sent is RED_RED and now >= since + times.red_alert:
@@ -978,7 +969,7 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
 
 
 def learn(
-    before: View, facts: Facts, given: Input, becomes: str, after: View, now: float, times: Any
+    before: View, facts: Facts, given: Input, becomes: str, after: View, now: float
 ) -> Facts:
     """
     Return what the oracle remembers after an input.
@@ -987,16 +978,7 @@ def learn(
     """
     if after == before and given.what == 'heard':
         return facts
-    grid_last, paused, _, superseded, heat, met, left, race = facts
-    if given.kind in STOPS:
-        paused = max(paused, now + times.pause)
-    elif given.what == 'held up':
-        paused = max(paused, now + max(times.pause, times.pause_after_stall))
-    elif is_abandoned(before, facts, given, now, times) and before.state in IN_MOTION:
-        # Unless the race is over at the same time, which stops it more strictly.
-        paused = paused if after.over else max(paused, now + times.pause)
-    elif is_cut_off(before, given, now):
-        paused = max(paused, now + times.pause)
+    grid_last, _, superseded, heat, met, left, race = facts
     success = becomes == 'accepted'
     if success and given.what == 'journal':
         assert before.start is not None
@@ -1014,7 +996,7 @@ def learn(
         heat = given.heat
     karts = []
     for old, kart, memory in zip(before.karts, after.karts, facts.karts, strict=True):
-        ready, lost, phase, missing, stood, poor, undone, joined = memory
+        ready, lost, phase, stood, poor, undone, joined = memory
         if given.what == 'command' and success:
             if gridded:
                 ready, undone = False, 0
@@ -1022,22 +1004,17 @@ def learn(
                 undone += 1
             if given.kind == 'IN_GARAGE' and _stands(old):
                 lost = lost and old.alone and not old.in_race
-            if given.kind == 'IN_GARAGE' and _is_away(old):
+            if given.kind == 'IN_GARAGE' and (_is_away(old) or _is_covered(before, old)):
                 lost = False
-            if given.kind == 'IN_GARAGE' and _is_covered(before, old):
-                lost, missing = False, None
             if given.kind == 'KART_IN_GARAGE' and given.kart == kart.number:
-                lost, missing = False, None
+                lost = False
         if given.kart == kart.number:
             if given.what == 'connected' or given.what == 'disconnected':
                 ready = poor = False
-                under_way = old.in_race and before.state is not IN_GARAGE
                 if old.connected:
                     lost = lost or old.moving or (old.in_race and before.state in UNDER_WAY)
-                    if missing is None and (under_way or old.doubt):
-                        missing = now
             if given.what == 'connected':
-                joined, missing = now, missing if old.moving else None
+                joined = now
             if given.what == 'measured' and old.connected:
                 poor = given.statement
             if given.what == 'heard' and old.connected:
@@ -1051,8 +1028,6 @@ def learn(
             stood = None
         if given.what == 'held up' and stood is not None:
             stood = now
-        if given.what in ('heard', 'tick') and old.doubt and not kart.doubt:
-            missing = None
         if kart.sent is RED_RED or kart.sent is RED_FLAG:
             phase = 0
         elif kart.sent is IN_GARAGE:
@@ -1060,8 +1035,8 @@ def learn(
         elif kart.sent is GRID_ACTIVE and phase == 1:
             phase = 2
         ready = ready and kart.sent is GRID_ACTIVE
-        karts.append(KartFacts(ready, lost, phase, missing, stood, poor, undone, joined))
-    return Facts(grid_last, paused, tuple(karts), superseded, heat, met, left, race + gridded)
+        karts.append(KartFacts(ready, lost, phase, stood, poor, undone, joined))
+    return Facts(grid_last, tuple(karts), superseded, heat, met, left, race + gridded)
 
 
 # ----- the properties ---------------------------------------------------------------------
@@ -1151,7 +1126,7 @@ def check_input(
     if opinion is not None:
         if kind in STOPS and (given.statement or kind != 'RECORD_MSR') and not success:
             raise RuleBrokenError('stop-refused', f'{given} in {before}: {outcome.answer.message}')
-        late = is_paused(facts, kind, now if given.came is None else given.came)
+        late = is_paused(before, kind, now if given.came is None else given.came)
         if success and late and opinion.allowed:
             raise RuleBrokenError('pause', f'{given} in {before}: {outcome.answer}')
         if success != (becomes != 'refused'):
@@ -1175,7 +1150,7 @@ def check_input(
             if after != unchanged or outcome.orders:
                 raise RuleBrokenError('refused-changes', f'{given}: {before} became {after}')
             _check_refusal(race, given, opinion, outcome, late)
-            return learn(before, facts, given, becomes, after, now, race.times)
+            return learn(before, facts, given, becomes, after, now)
     _check_start(before, facts, given, outcome, after, becomes)
     started = becomes == 'accepted' and what == 'journal'
     if started:
@@ -1184,7 +1159,7 @@ def check_input(
         what, kind = given.what, given.kind
     _check_safety(before, facts, given, outcome, after, now, race.times.settle)
     _check_cause(race, before, given, outcome, after)
-    memory = learn(before, facts, given, becomes, after, now, race.times)
+    memory = learn(before, facts, given, becomes, after, now)
     if what in ('connected', 'disconnected') and not is_cut_off(before, given, now):
         _check_alarms(
             what,
@@ -1248,7 +1223,7 @@ def _check_start(
         assert before.start is not None
         name = 'start-answer'
         if outcome.answer.success:
-            late = is_paused(facts, 'GREEN_GREEN', before.start.came)
+            late = is_paused(before, 'GREEN_GREEN', before.start.came)
             name = 'start-other-grid' if facts.superseded else 'pause' if late else 'start-first'
         raise broken(name)
     if outcome.start is not None:
@@ -1543,7 +1518,7 @@ def check_recovery(
                 expected = expected._replace(in_race=old.in_race, place=old.place)
         if kart != expected:
             raise broken(f'{kart}, expected {expected}: ')
-    check_state(again, after, recall(after, now, None), now)
+    check_state(again, after, recall(after, None), now)
 
 
 def _in_force(view: View, kind: str, number: int) -> bool:
@@ -1670,11 +1645,11 @@ def check_announced(
     """Check the announced availability of a command against the oracle's judgement."""
     opinion = judge(view, facts, kind, number)
     told = race.availability(rules.CommandKind[kind], number, now)
-    paused = opinion.allowed and is_paused(facts, kind, now)
+    paused = opinion.allowed and is_paused(view, kind, now)
     if paused:
         opinion = opinion._replace(allowed=False)
-    if told.available_from != (facts.paused if paused else None):
-        raise RuleBrokenError('available-from', f'{told}, paused until {facts.paused} in {view}')
+    if told.available_from != (view.paused if paused else None):
+        raise RuleBrokenError('available-from', f'{told} in {view}')
     if told.available != opinion.allowed or told.command.name != kind:
         raise RuleBrokenError('availability', f'{told}, expected {opinion} in {view}')
     if told.available and bool(told.statement) != opinion.needs_statement:
@@ -1977,7 +1952,7 @@ class Search:
             memory = self.rules.RaceMemory(state, karts, starters=starters)
             known = None if self.begin == 'unknown' else memory
             self.race.recover(known, self.rules.LastRun.UNKNOWN, 0.0)
-            return recall(look(self.race), 0.0, '' if self.heats else None), 0.0
+            return recall(look(self.race), '' if self.heats else None), 0.0
         if self.begin == 'first':
             self.race.recover(None, self.rules.LastRun.NONE, 0.0)
         facts = remember(look(self.race))
@@ -2118,7 +2093,7 @@ class Search:
             if opinion.allowed and kind == 'KART_IN_GARAGE':
                 yield right._replace(hold=RED_RED if right.hold is None else None), now
             if self.waits and kind in LOOSENING:
-                yield right._replace(came=facts.paused - 0.5), now
+                yield right._replace(came=view.paused - 0.5), now
         for kart in view.karts:
             for state in RaceState:
                 yield Input('heard', '', kart.number, serial=kart.serial, state=state), now

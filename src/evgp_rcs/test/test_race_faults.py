@@ -469,14 +469,14 @@ the statement answers for a kart that was known in doubt: availability, as-seen,
     track-access [crash] _covered_by_statement: without doubt
 the statement answers for a kart that was lost on the grid: availability, as-seen, hold-forgotten,
     track-access [crash on the grid] _covered_by_statement: doubt => kart.may_be_moving
-the statement answers for a kart that was held alone: availability, as-seen, alone-released,
-    hold-forgotten [unknown] _covered_by_statement: without held_alone
+the statement answers for a kart that was held alone: availability, available-from, as-seen,
+    alone-released, hold-forgotten [unknown] _covered_by_statement: without held_alone
 the statement answers for absent karts without a restart: doubt-unnoticed _covered_by_statement:
     without past_unknown
 after a restart nobody answers for a kart that never comes: effect, availability, as-seen, stuck
     [unknown] _covered_by_statement: never doubt not
-IN_GARAGE after a restart does not wait for a connected kart outside: availability [unknown
-    outside] _waited_for: without sent past_unknown
+IN_GARAGE after a restart does not wait for a connected kart outside: availability, available-from
+    [unknown outside] _waited_for: without sent past_unknown
 IN_GARAGE always waits for connected karts outside the race: availability, false-news _waited_for:
     without past_unknown
 OPEN_TRACK after a restart before the statement: restart, track-access, availability
@@ -489,7 +489,7 @@ a finish that is undone puts the RED_FLAG of who moves up off: finish-put-off, e
     green] _kart_undo_finish: after place -: each.finish_due = now + 9.0
 a finish that is undone lifts the hold of a stop that came meanwhile: red-loosened, hold-forgotten
     [green] _kart_undo_finish: instead of finish_due: if kart.finish_due is not None: ¶>
-    self._unhold(kart) ¶> self._redirect(kart, now)
+    self._unhold(kart) ¶> self._redirect(kart, now) ¶ kart.finish_due = None
 a kart that moves on the grid raises no alert: alerts _current_alerts: sent IN_GARAGE => kart.sent
     is IN_GARAGE
 a kart that moves in the garage raises no alert: alerts _current_alerts: sent IN_GARAGE =>
