@@ -198,8 +198,8 @@ a kart lost in motion lets humans on the track: track-access, availability _dang
     may_be_moving MSR
 a kart that was told to go counts as standing: doubt-unnoticed, effect _redirect:
     _covered_by_statement not => state is not GREEN_GREEN and it
-a refused command takes GREEN_GREEN away: refused-changes _decide: after refusal:
-    self.grid_was_last = False
+a refused command takes GREEN_GREEN away: refused-changes _decide: after refused:
+    if refusal: ¶> self.grid_was_last = False
 a refusal does not name the kart: refusal-silent _no_green_green: _silence f =>
     f'{self._silence(each)}'
 looking at alerts acts: alerts-act alerts: first: self.track_open = False
@@ -306,7 +306,7 @@ a pause refuses a stop: stop-refused, availability, available-from _paused: with
 a pause lets one kart be released: pause, available-from _paused: came paused_until => it and kind
     is not CommandKind.KART_IN_GARAGE
 what was sent while race control was held up is taken: pause, available-from, effect stalled: skips
-    _pause_for_late_commands
+    _pause
 a stop cuts the pause short that a delay began: pause, available-from, effect [waits] _pause:
     always paused_until
 a pause is not announced: available-from availability: _paused kind => ''
@@ -406,7 +406,7 @@ race control that is cut off leaves the use of the MSR in force: cut-off [networ
 race control that is cut off takes itself to know what happened: cut-off, restart [network]
     _lose_track: skips past_unknown
 a release that was sent before race control was cut off is taken: effect, available-from, pause
-    [network and pauses] _cut_off: skips pause
+    [network and pauses] _cut_off: skips _pause
 every kart of the race that goes silent changes nothing: cut-off, effect [silence on the grid]
     disconnected: skips _check_whether_all_went_silent
 one kart that goes silent in the garage is race control that is cut off: effect, sent-wrong
@@ -458,7 +458,7 @@ a record that fails while a start waits does not stop it: start-first, no-record
     self.record_fails = trouble
 an orderly end forgets that the track was open: restart memory: track_open => False
 a start after it does: restart recover: skips _count_opening
-a release that was sent before a restart undoes it: restart recover: skips _pause_for_late_commands
+a release that was sent before a restart undoes it: restart recover: skips _pause
 a run of which nothing is known counts as ended well: restart recover: without UNKNOWN
 a kart in doubt does not keep a restart from going home: restart at_rest: without doubt
 a restart does not hold the karts of which nothing is known: restart _lose_track: instead of _hold:
@@ -504,7 +504,7 @@ a poor link stops the kart: effect, sent-wrong [around] measured: instead of lin
 an order that has arrived counts as acknowledged: ack-from-nothing, effect [around] delivered:
     after max: kart.acknowledged = True
 a change of state does not say what caused it: cause _go: without _cause
-a change of state does not say who gave the command: cause _add_event: official by => ''
+a change of state does not say who gave the command: cause _add_event: official _by => ''
 the cause does not name the official: cause _cause: _by if => ''
 the cause is that of the last change: cause _go: _cause why => self.state_cause or why or
     self._cause()
@@ -540,7 +540,7 @@ a FINISH counts as somebody who is there: nobody-there [people in green] _kart_f
 a heat stays in the race with karts of another one: heat [heats] heat: without karts racing
 a heat stays in the race without any kart: heat [heats] heat: inside racing => inside
 a race that nobody can stop goes on: nobody-there, effect [people in green] tick: skips
-    NOBODY_THERE
+    gone _go
 the grid stays when nobody can stop it any more: nobody-there, effect, alerts [people on the grid]
     _unattended_since: state GREEN_GREEN => self.state is GREEN_GREEN
 a race that nobody can stop goes on for longer than it may: nobody-there, effect [people in green]
@@ -571,7 +571,7 @@ a start that waits goes out when the last screen has gone: nobody-there, start-f
     self.nobody_since = None ¶ refusal = self._refusal_of(start.command, start.came) ¶
     self.nobody_since = since
 a release that was sent before race control stopped the race is taken: effect, available-from,
-    pause [an abandoned grid] tick: skips pause
+    pause [an abandoned grid] tick: skips _pause
 that nobody is there raises no alert: alerts [people in green] _current_alerts: _unattended_since (
     => None
 a button at fault raises no alert: alerts [people in green] _current_alerts: skips BUTTON_FAULT

@@ -706,8 +706,9 @@ class Race:
                 kart.lost_since = now
         self.starters = tuple(number for number in memory.starters if number in self.karts)
         self.grids = self.number = int(bool(self.starters))
-        cause = f'{BEGAN}: {why}' if why else BEGAN
-        self._pause_for_late_commands(cause, now)
+        cause = 'race control has started and does not know what happened before that'
+        cause += f': {why}' if why else ''
+        self._pause(cause, now, late=True)
         self._lose_track('since race control started', cause, now)
         for kart in self.karts.values():
             if kart.team == NOT_IN_ROSTER:
@@ -746,7 +747,7 @@ class Race:
         if CATALOGUE[command.kind].stop:
             # Another official may have sent a release without having seen this stop, and it may
             # arrive after the stop. It must not undo the stop.
-            self._pause(now + self.times.pause, 'a stop was sent just now')
+            self._pause('a stop was sent just now', now)
         refusal = self._refusal_of(command, came)
         if refusal or not CATALOGUE[command.kind].needs_journal:
             return self._outcome(self._decide(command, refusal, now))
@@ -793,11 +794,8 @@ class Race:
         """
         for kart in (each for each in self.karts.values() if each.settles_at is not None):
             kart.settles_at = now + self.times.settle
-        self._pause_for_late_commands(f'race control stalled for {seconds:.1f} s', now)
+        self._pause(f'race control stalled for {seconds:.1f} s', now, late=True)
         return self._outcome()
-
-    def _pause_for_late_commands(self, why: str, now: float) -> None:
-        self._pause(now + max(self.times.pause, self.times.pause_after_stall), why)
 
     def cut_off(self, reason: str, now: float) -> Outcome:
         """
@@ -815,7 +813,7 @@ class Race:
 
     def _cut_off(self, reason: str, now: float) -> None:
         cause = f'race control was cut off from the karts ({reason})'
-        self._pause(now + self.times.pause, cause)
+        self._pause(cause, now)
         self._lose_track('race control was cut off', cause, now)
 
     def contested(self, number: int, contested: bool, now: float) -> Outcome:
@@ -827,7 +825,9 @@ class Race:
         self.karts[number].contested = contested
         return self._outcome()
 
-    def _pause(self, until: float, why: str) -> None:
+    def _pause(self, why: str, now: float, late: bool = False) -> None:
+        """Begin a pause, which is longer if commands may have been sent long ago."""
+        until = now + max(self.times.pause, late * self.times.pause_after_stall)
         if until > self.paused_until:
             self.paused_until = until
             self._paused_by = why
@@ -852,30 +852,25 @@ class Race:
 
     def _decide(self, command: Command, refusal: str, now: float) -> Answer:
         """Put a command into effect or refuse it, and add the command's event."""
-        cause = len(self._events)
-        if refusal:
-            answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
-        else:
-            rule = COMMANDS[command.kind]
+        self._by = command
+        before, self._events = self._events, []
+        answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
+        if not refusal:
             if not CATALOGUE[command.kind].bookkeeping:
                 self.grid_was_last = command.kind is CommandKind.GRID_ACTIVE
-            self._by = command
             pressed = f' {command.kind.value} was {command.pressed}.' if command.pressed else ''
-            answer = Answer(True, f'{rule.effect(self, command, now)}.{pressed}')
-            self._by = None
-        # Report the cause before its effects.
-        self._events.insert(
-            cause,
-            Event(
-                EventKind.COMMAND,
-                answer.message,
-                command.kart,
-                command=command.kind,
-                success=answer.success,
-                official=command.official,
-                after=command.age if command.pressed else 0.0,
-            ),
+            effect = COMMANDS[command.kind].effect(self, command, now)
+            answer = Answer(True, f'{effect}.{pressed}')
+        effects, self._events = self._events, before
+        self._add_event(
+            EventKind.COMMAND,
+            answer.message,
+            command.kart,
+            success=answer.success,
+            after=command.age if command.pressed else 0.0,
         )
+        self._events += effects
+        self._by = None
         return answer
 
     def connected(self, number: int, now: float) -> Outcome:
@@ -1057,15 +1052,19 @@ class Race:
             self._settle(kart, now)
             if kart.finish_due is not None and now >= kart.finish_due:
                 kart.finish_due = None
-                self._hold(kart, RED_FLAG, MARKED_AS_FINISHED, now)
+                # This reason stays true if places move up or the finish is undone later.
+                self._hold(kart, RED_FLAG, 'marked as finished', now)
         if self._all_have_finished(now):
             self.over = True
             self._go(RED_RED, now, 'race over (all karts have finished)')
             self._report_order_of_finish()
         since, limit = self._unattended_since(), self.times.nobody_there
         if since is not None and limit and now >= since + limit:
-            self._pause(now + self.times.pause, 'race control has just stopped the race')
-            self._go(RED_FLAG, now, NOBODY_THERE)
+            self._pause('race control has just stopped the race', now)
+            gone = (
+                'race control was not in contact with any screen or button that can stop the race'
+            )
+            self._go(RED_FLAG, now, gone)
         answer = None
         if self.start is not None and now >= self.start.until:
             answer = self._end_of_start(self.start, False, now)
@@ -1150,7 +1149,7 @@ class Race:
             self._orders.append(Order(kart.number, state, kart.serial))
             text = f'{_capital(kart)} is being sent {state.value}'
             chatter = kart.contested and resend
-            self._add_event(EventKind.KART_STATE, text, kart.number, state, chatter)
+            self._add_event(EventKind.KART_STATE, text, kart.number, state, chatter=chatter)
 
     def _void_answers(self, kart: Kart) -> None:
         """Forget how a kart answered its order, which is over or has lost its connection."""
@@ -1895,12 +1894,11 @@ class Race:
         text: str,
         kart: int = 0,
         state: RaceState | None = None,
-        chatter: bool = False,
         **more: Any,
     ) -> None:
-        by = self._by
-        of = (None, True, chatter, '') if by is None else (by.kind, True, chatter, by.official)
-        self._events.append(Event(kind, text, kart, state, *of, **more))
+        if self._by is not None:
+            more |= {'command': self._by.kind, 'official': self._by.official}
+        self._events.append(Event(kind, text, kart, state, **more))
 
     def _unknown_kart(self, command: Command) -> str:
         numbers = ', '.join(map(str, sorted(self.karts))) or 'no kart'
@@ -1936,18 +1934,9 @@ lost `send_timeout` after its last answer."""
 NO_RACE_ANYWHERE = 'no race is under way anywhere, and no kart is moving'
 """What an official must state once if race control does not know what happened before."""
 
-BEGAN = 'race control has started and does not know what happened before that'
-"""Why the race is in RED_RED if there is no proof that the last run ended normally."""
-
 NOT_IN_ROSTER = 'no longer in the roster'
 
 SEND_AGAIN = 'Check the race, then send this command again'
-
-NOBODY_THERE = 'race control was not in contact with any screen or button that can stop the race'
-"""Why race control sends RED_FLAG to a race that nobody can stop."""
-
-MARKED_AS_FINISHED = 'marked as finished'
-"""Why a finished kart is held. This stays true if places move up or its finish is undone later."""
 
 
 def _cut(phrases: list[str]) -> str:
