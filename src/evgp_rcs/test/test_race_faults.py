@@ -504,7 +504,7 @@ a poor link stops the kart: effect, sent-wrong [around] measured: instead of lin
 an order that has arrived counts as acknowledged: ack-from-nothing, effect [around] delivered:
     after max: kart.acknowledged = True
 a change of state does not say what caused it: cause _go: without _cause
-a change of state does not say who gave the command: cause _add_event: official _by => ''
+a change of state does not say who gave the command: cause _add_event: official => ''
 the cause does not name the official: cause _cause: _by if => ''
 the cause is that of the last change: cause _go: _cause why => self.state_cause or why or
     self._cause()

@@ -1894,11 +1894,13 @@ class Race:
         text: str,
         kart: int = 0,
         state: RaceState | None = None,
+        success: bool = True,
+        chatter: bool = False,
         **more: Any,
     ) -> None:
-        if self._by is not None:
-            more |= {'command': self._by.kind, 'official': self._by.official}
-        self._events.append(Event(kind, text, kart, state, **more))
+        command, by = (None, '') if self._by is None else (self._by.kind, self._by.official)
+        event = Event(kind, text, kart, state, command, success, chatter, by, **more)
+        self._events.append(event)
 
     def _unknown_kart(self, command: Command) -> str:
         numbers = ', '.join(map(str, sorted(self.karts))) or 'no kart'
