@@ -569,7 +569,8 @@ class Race:
     The state of one race and of every kart in the roster (§3, §4.B).
 
     Each input is a method that returns the orders to send and the events that happened
-    (``inputs.feed`` calls these methods). Times never go backwards.
+    (``inputs.feed`` calls these methods). Times never go backwards. An input about a kart raises
+    KeyError if the roster has no such kart.
 
     :param now: current time, in seconds.
     :param run: id of this run of race control.
@@ -817,11 +818,7 @@ class Race:
         self._lose_track('race control was cut off', cause, now)
 
     def contested(self, number: int, contested: bool, now: float) -> Outcome:
-        """
-        Record that two programs keep connecting as one kart, or that they have stopped doing so.
-
-        :raises KeyError: if the roster has no such kart.
-        """
+        """Record whether two programs keep connecting as one kart."""
         self.karts[number].contested = contested
         return self._outcome()
 
@@ -879,8 +876,6 @@ class Race:
 
         If the kart is still connected, the new connection replaces the old one, and the loss of
         the old one is recorded first.
-
-        :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
         if kart.connected:
@@ -900,7 +895,6 @@ class Race:
 
         :param reason: why the connection ended, for the officials.
         :param silent: whether its link stopped answering, and neither side closed the connection.
-        :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
         if kart.connected:
@@ -941,7 +935,6 @@ class Race:
         :param serial: serial of the order that had been sent when the frame began to arrive.
         :param counts_in: if the report does not count yet, the maximum time in seconds before a
             repeat of it would count; 0 if unknown, or if no repeat would ever count.
-        :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
         if not kart.connected:
@@ -985,13 +978,10 @@ class Race:
 
     def delivered(self, number: int, serial: int, answered: float, now: float) -> Outcome:
         """
-        Record that a kart's kernel has answered an order.
-
-        The kart's program may not have read that order yet.
+        Record that a kart's kernel has answered an order, which its program may not have read yet.
 
         :param serial: serial of the order. If there is a newer order, nothing happens.
         :param answered: the latest time in seconds at which the kernel can have answered.
-        :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
         if kart.connected and serial == kart.serial and kart.delivered_at is None:
@@ -1002,13 +992,7 @@ class Race:
         return self._outcome()
 
     def measured(self, number: int, link: LinkQuality, now: float) -> Outcome:
-        """
-        Record the quality of a kart's link.
-
-        This is for officials only; it changes neither what karts are sent nor what is allowed.
-
-        :raises KeyError: if the roster has no such kart.
-        """
+        """Record the quality of a kart's link, which is for officials only and changes nothing."""
         kart = self.karts[number]
         if not kart.connected:
             return self._outcome()
