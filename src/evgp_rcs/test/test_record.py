@@ -369,9 +369,7 @@ def test_the_timeline_tells_the_last_run_in_order_and_of_one_kart_if_asked(
     put(record, event(5, 'last'), first=4)
     record.end()
     assert print_timeline([str(path)]) == PARTLY
-    before, head, *lines = capsys.readouterr().out.splitlines()
-    assert 'The previous run, 1, did not end normally' in before
-    assert f'rcs_record {path} --run 1' in before
+    head, *lines = capsys.readouterr().out.splitlines()
     assert head.split()[0] == '2'
     assert [line.split()[-1] for line in lines] == ['first', 'refused', '...', 'behind', 'last']
     assert ' ! refused' in lines[1]
@@ -379,15 +377,6 @@ def test_the_timeline_tells_the_last_run_in_order_and_of_one_kart_if_asked(
     assert print_timeline([str(path), '--kart', '7', '--run', '2']) == PARTLY
     _, *lines = capsys.readouterr().out.splitlines()
     assert [line.split()[-1] for line in lines] == ['first', '...', 'behind', 'last']
-
-
-def test_of_a_run_before_that_did_not_start_the_timeline_has_no_word(
-    begin: Begin, path: pathlib.Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    begin().end()
-    begin().end()
-    assert print_timeline([str(path)]) == 0
-    assert capsys.readouterr().out.split()[0] == '2'
 
 
 def test_the_list_has_every_run_and_how_it_ended(
