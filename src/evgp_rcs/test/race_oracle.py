@@ -509,11 +509,11 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
             for kart, memory in zip(view.karts, facts.karts, strict=True)
             if kart.in_race and not (kart.connected and memory.ready and kart.acked)
         )
-        missing = missing or _unfit(view)
+        missing = _unfit(view) or missing
         in_time = state is GRID_ACTIVE and facts.grid_last and bool(racing)
         allowed = in_time and not missing and view.start is None and not view.trouble
         allowed = allowed and not _nobody(view, facts)
-        return Judgement(allowed, False, missing * in_time, numbers)
+        return Judgement(allowed, False, missing * (in_time and not view.trouble), numbers)
     if kind == 'RACE_OVER':
         return Judgement(state is not IN_GARAGE)
     if kind == 'IN_GARAGE':

@@ -285,7 +285,7 @@ a start need not be as the official saw it: as-seen _not_as_seen: karts == => co
     concerned
 a kart is released whatever hold the official saw: as-seen _held_otherwise: instead of hold return:
     if seen or not kart.hold: ¶> return ''
-a start is announced for all karts of the roster: as-seen _started: racing => self.karts.values
+a start is announced for all karts of the roster: as-seen COMMANDS: racing #1 => race.karts.values
 a difference is not named: refusal-silent _not_as_seen: instead of did: pass
 a kart is released while another race control runs: availability, rival [around] _refusal:
     has_rival => it and not command.kart

@@ -1295,7 +1295,7 @@ class Race:
 
     def _kart_finish(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
-        kart.place = self._last_place() + 1
+        kart.place = 1 + max(each.place for each in self.karts.values())
         delay = self.times.finish_delay(kart.place)
         kart.finish_due = now + delay
         return f'{_capital(kart)} finished as P{kart.place}; RED_FLAG follows in {delay:g} s'
@@ -1414,6 +1414,8 @@ class Race:
     def _no_green_green(self, command: Command) -> str:
         if not self.grid_was_last:
             return 'another command was sent after GRID_ACTIVE; send GRID_ACTIVE again'
+        if reason := self._no_race():
+            return reason
         missing = [
             f'{each}: {self._silence(each)}'
             for each in self.racing()
@@ -1421,8 +1423,6 @@ class Race:
         ]
         if missing:
             return f'waiting for {_cut(missing)}'
-        if reason := self._no_race():
-            return reason
         if self.nobody_since is not None:
             return (
                 'race control is no longer in contact with any screen or button that can stop the '
@@ -1521,9 +1521,6 @@ class Race:
         return f'{_cut(bound)}. Until this changes, keep these numbers and addresses in the roster'
 
     # ----- what the official saw ----------------------------------------------------------
-
-    def _started(self, command: Command) -> Iterable[Kart]:
-        return self.racing()
 
     def _released_by_garage(self, command: Command) -> Iterable[Kart]:
         """Yield the karts that the race's IN_GARAGE releases."""
@@ -1892,10 +1889,12 @@ class Race:
         return f'{has}; ALL_KILL stops every kart'
 
     def _outcome(self, answer: Answer | None = None, start: Start | None = None) -> Outcome:
-        of_race = (self.number, self.heat)
+        of_race, karts = (self.number, self.heat), self.karts
         # Not `_replace`, which is slow: it would delay a stop to a hundred karts by 0.3 ms.
         events = tuple(
-            Event(*each[:-3], self._place(each.kart), *of_race) for each in self._events
+            # An event may concern no kart, or one that has left the roster.
+            Event(*each[:-3], karts[each.kart].place if each.kart in karts else 0, *of_race)
+            for each in self._events
         )
         outcome = Outcome(tuple(self._orders), events, answer, start)
         self._orders = []
@@ -1903,14 +1902,6 @@ class Race:
         if self.state is IN_GARAGE:
             self.number = 0  # only from now on: IN_GARAGE itself belongs to the race that it ends
         return outcome
-
-    def _last_place(self) -> int:
-        return max((kart.place for kart in self.karts.values()), default=0)
-
-    def _place(self, number: int) -> int:
-        """Return the place of a kart; 0 if the kart has no place, or is not in the roster."""
-        kart = self.karts.get(number)
-        return 0 if kart is None else kart.place
 
 
 LOST_AT_ONCE = 2.0
@@ -2004,13 +1995,13 @@ COMMANDS: dict[CommandKind, Rule] = {
         Race._grid_active,
         Race._no_grid_active,
         lambda race, command: 'the track is clear of humans (this command closes it)',
-        Race._started,
+        lambda race, command: race.racing(),
         states=(IN_GARAGE, GRID_ACTIVE),
     ),
     CommandKind.GREEN_GREEN: Rule(
         Race._green_green,
         Race._no_green_green,
-        karts=Race._started,
+        karts=lambda race, command: race.racing(),
         states=(GRID_ACTIVE,),
     ),
     CommandKind.RACE_OVER: Rule(
