@@ -374,7 +374,7 @@ FAULTS = faults_in(
     """
 an old acknowledgement counts: heard: without serial
 a reason is other: _no_join: already f => f'the race has {kart} already'
-the pause is longer: command: pause times => 1.0
+the pause is longer: _pause: pause times => 1.0
 """
 )
 
