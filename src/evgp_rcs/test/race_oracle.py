@@ -1568,7 +1568,7 @@ def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any, la
         named = (given.kart,)
     elif (
         opinion.allowed
-        and ('changed since you looked' in message or 'name the karts' in message)
+        and 'changed since you looked' in message
         and any(str(number) not in message for number in given.karts ^ set(opinion.karts))
     ):
         raise RuleBrokenError('refusal-silent', f'{message} does not name the difference')

@@ -388,8 +388,7 @@ ANSWERS: list[tuple[Reach, str, int, str]] = [
         gone,
         'ALL_KILL',
         0,
-        'RED_RED sent to karts 1, 2; not connected, so to be sent when it connects: '
-        'kart 3 (Tesla)',
+        'RED_RED sent to karts 1, 2; once connected, also to: kart 3 (Tesla)',
     ),
     (
         does(('KART_RED_RED', 2), at='GREEN_GREEN'),

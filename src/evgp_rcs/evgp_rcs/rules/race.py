@@ -1945,12 +1945,9 @@ def _held(karts: Iterable[Kart]) -> str:
 def _receivers(karts: Iterable[Kart]) -> str:
     """Return which karts are being sent a new state, and which will be when they connect."""
     known = list(karts)
-    absent = [kart for kart in known if not kart.connected]
+    absent = _listed(kart for kart in known if not kart.connected)
     text = _numbers(kart.number for kart in known if kart.connected)
-    if not absent:
-        return text
-    they_connect = 'it connects' if len(absent) == 1 else 'they connect'
-    return f'{text}; not connected, so to be sent when {they_connect}: {_listed(absent)}'
+    return f'{text}; once connected, also to: {absent}' if absent else text
 
 
 def _capital(kart: Kart | str) -> str:
