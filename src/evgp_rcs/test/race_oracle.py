@@ -242,7 +242,6 @@ class KartFacts(NamedTuple):
     What the oracle remembers of one kart, from the inputs alone.
 
     :param ready: it answered the present GRID_ACTIVE on its present connection.
-    :param lost: it dropped in a race under way or in motion, and nobody has answered for it since.
     :param phase: 0 after a red, 1 after IN_GARAGE, 2 after IN_GARAGE and then GRID_ACTIVE.
     :param stood: since when it has stood by its acknowledgement of the red it is sent, and race
         control would have heard it take that back.
@@ -252,7 +251,6 @@ class KartFacts(NamedTuple):
     """
 
     ready: bool = False
-    lost: bool = False
     phase: int = 1
     stood: float | None = None
     poor: bool = False
@@ -404,7 +402,7 @@ def recall(view: View, heat: str | None = '') -> Facts:
     """
     return Facts(
         False,
-        tuple(KartFacts(lost=True, phase=0) for _ in view.karts),
+        tuple(KartFacts(phase=0) for _ in view.karts),
         heat=heat,
         race=int(bool(view.starters)),
     )
@@ -996,23 +994,15 @@ def learn(
         heat = given.heat
     karts = []
     for old, kart, memory in zip(before.karts, after.karts, facts.karts, strict=True):
-        ready, lost, phase, stood, poor, undone, joined = memory
+        ready, phase, stood, poor, undone, joined = memory
         if given.what == 'command' and success:
             if gridded:
                 ready, undone = False, 0
             if given.kind == 'KART_UNDO_FINISH' and given.kart == kart.number:
                 undone += 1
-            if given.kind == 'IN_GARAGE' and _stands(old):
-                lost = lost and old.alone and not old.in_race
-            if given.kind == 'IN_GARAGE' and (_is_away(old) or _is_covered(before, old)):
-                lost = False
-            if given.kind == 'KART_IN_GARAGE' and given.kart == kart.number:
-                lost = False
         if given.kart == kart.number:
             if given.what == 'connected' or given.what == 'disconnected':
                 ready = poor = False
-                if old.connected:
-                    lost = lost or old.moving or (old.in_race and before.state in UNDER_WAY)
             if given.what == 'connected':
                 joined = now
             if given.what == 'measured' and old.connected:
@@ -1035,7 +1025,7 @@ def learn(
         elif kart.sent is GRID_ACTIVE and phase == 1:
             phase = 2
         ready = ready and kart.sent is GRID_ACTIVE
-        karts.append(KartFacts(ready, lost, phase, stood, poor, undone, joined))
+        karts.append(KartFacts(ready, phase, stood, poor, undone, joined))
     return Facts(grid_last, tuple(karts), superseded, heat, met, left, race + gridded)
 
 
@@ -1543,8 +1533,6 @@ def _check_memory(after: View, facts: Facts) -> None:
     for kart, memory in zip(after.karts, facts.karts, strict=True):
         if kart.sent is GREEN_GREEN and memory.phase != 2:
             raise RuleBrokenError('red-to-green', f'{kart} {memory}')
-        if memory.lost and not (kart.hold is RED_RED and kart.sent is RED_RED):
-            raise RuleBrokenError('hold-forgotten', f'lost, but {kart}')
 
 
 def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any, late: bool) -> None:
