@@ -726,7 +726,7 @@ def test_an_opening_that_this_run_does_not_know_is_refused_and_named(officials: 
     answer = officials.race.command(command, officials.now).answer
     assert answer is not None
     assert not answer.success
-    assert 'the last opening of the track is 0, but you named 3' in answer.message
+    assert 'you named opening 3, but the track has not been opened' in answer.message
 
 
 def test_the_grid_closes_the_track_that_the_official_saw_and_no_later_opening() -> None:
@@ -739,7 +739,7 @@ def test_the_grid_closes_the_track_that_the_official_saw_and_no_later_opening() 
     answer = officials.race.command(command, officials.now).answer
     assert answer is not None
     assert not answer.success
-    assert 'the last opening of the track is 1, but you named 0' in answer.message
+    assert 'the track was opened since you looked (by an official, 0 s ago)' in answer.message
     officials.does('OPEN_TRACK')
     officials.does('GRID_ACTIVE')
     assert not officials.race.track_open

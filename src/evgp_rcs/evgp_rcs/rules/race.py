@@ -619,6 +619,7 @@ class Race:
         self.track_open = False
         self.opening = 0
         """Number of the last opening of the track in this run; 0 if there was none."""
+        self._opened = '', now  # by whom or why, as a phrase, and when (s)
         self.msr_used = False
         self.past_unknown = False
         """True until IN_GARAGE if race control does not know what happened before it started, or
@@ -687,7 +688,7 @@ class Race:
         """
         if last_run is not LastRun.UNKNOWN and (memory is None or memory.at_rest):
             if last_run is LastRun.ENDED_OPEN:
-                self._count_opening()
+                self._count_opening('before race control was restarted', now)
             self.unstated = last_run is LastRun.NONE
             return self._outcome()
         memory = memory or RaceMemory(RED_RED, {})
@@ -721,15 +722,16 @@ class Race:
     def _lose_track(self, held: str, cause: str, now: float) -> None:
         """Assume the worst about everything, because race control does not know what happened."""
         self.past_unknown = True
-        self._count_opening()
+        self._count_opening(cause, now)
         self.msr_used = False
         for kart in self.karts.values():
             self._hold(kart, RED_RED, held, now)
         self._go(RED_RED, now, cause)
 
-    def _count_opening(self) -> None:
+    def _count_opening(self, how: str, now: float) -> None:
         self.track_open = True
         self.opening += 1
+        self._opened = how, now
 
     # ----- inputs -------------------------------------------------------------------------
 
@@ -845,7 +847,7 @@ class Race:
                 kart = self.karts[command.kart]
                 wait = f'{kart}: {self._silence(kart)}. Wait for it, or '
             return f'{wait}state that {statement}'
-        return self._misnamed(command)
+        return self._misnamed(command, came)
 
     def _decide(self, command: Command, refusal: str, now: float) -> Answer:
         """Put a command into effect or refuse it, and add the command's event."""
@@ -1271,7 +1273,7 @@ class Race:
         return message
 
     def _open_track(self, command: Command, now: float) -> str:
-        self._count_opening()
+        self._count_opening(f'by {command.official or "an official"}', now)
         self.unstated = False
         return f'The track is open to humans: {self._humans_allowed()[1]}'
 
@@ -1375,9 +1377,11 @@ class Race:
             return f'race control is still cut off from the karts: {self.cut_off_by}'
         rule = COMMANDS[command.kind]
         if self.state not in rule.states:
+            ends = command.kind is CommandKind.IN_GARAGE and self.state in (GREEN_GREEN, RED_FLAG)
+            first = '. Send RACE_OVER or ALL_KILL first' * ends
             possible = ' or '.join(state.value for state in rule.states)
             text = f'the race is in {self.state.value}; {command.kind.value} is possible only in '
-            return text + possible
+            return f'{text}{possible}{first}'
         return rule.refusal(self, command)
 
     def _paused(self, kind: CommandKind, came: float) -> str:
@@ -1536,7 +1540,7 @@ class Race:
             )
         )
 
-    def _misnamed(self, command: Command) -> str:
+    def _misnamed(self, command: Command, came: float) -> str:
         """
         Return what is wrong with the karts, hold, heat, roster or number that a command names.
 
@@ -1556,9 +1560,12 @@ class Race:
         if command.kind is CommandKind.TAKE_ROSTER and command.roster != self._read:
             return 'the file has changed since it was read; read it again'
         if entry.names_number == 'opening' and command.opening != self.opening:
+            if not self.opening:
+                return f'you named opening {command.opening}, but the track has not been opened'
+            how, at = self._opened
             return (
-                f'the last opening of the track is {self.opening}, but you named '
-                f'{command.opening}. Make sure that nobody is on the track, then look again'
+                f'the track was opened since you looked ({how}, {max(came - at, 0.0):.0f} s ago); '
+                'make sure that nobody is on it, then send this command again'
             )
         return self._not_as_seen(command) if entry.names_karts else ''
 
