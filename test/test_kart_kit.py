@@ -476,8 +476,10 @@ BOARD_FAULTS = [
     ('    evgp_kart_closed(&board->kart, board->hardware->now());\n', ''),
     ('    board->hardware->close();\n', ''),
     ('reads < 16', 'reads < 64'),
-    ('count == 0 && evgp_kart_verdict(&board->kart).open', 'count == 0'),
-    ('return count == 0 &&', 'return'),
+    ('return evgp_kart_verdict(&board->kart).open;', 'return 1;'),
+    ('        evgp_kart_received(&board', '        if (count > 0) evgp_kart_received(&board'),
+    ('        if ((size_t)count > sizeof bytes) {', '        if (count < 0) {'),
+    ('        if ((size_t)count > sizeof bytes) {', '        if (count > 256) {'),
     ('    return 0; /* race control never', '    return 1; /* race control never'),
     ('2U * board->wait < first ? first : 2U * board->wait', 'first'),
     ('board->wait > last ? last : board->wait', 'board->wait'),
@@ -489,7 +491,6 @@ BOARD_FAULTS = [
     ('>= EVGP_STANDSTILL_MS', '>= 300'),
     ('!verdict.may_drive  ', 'verdict.obey == EVGP_RED_RED  '),
     ('        board->moved_at = now;\n', ''),
-    ('    evgp_kart_tick(&board->kart, hardware->now());\n', ''),
     ('        board->wait = EVGP_CONNECT_FIRST_MS; /* the', '        /* the'),
     ('(!joined || !evgp_p_listen(board))', '!evgp_p_listen(board)'),
     ('>= board->wait)', '> 0)'),
@@ -505,10 +506,10 @@ BOARD_FAULTS = [
         '    moves = hardware->moves();\n    hardware->act(action);\n',
     ),
     ('        hardware->act(EVGP_BRAKE); /* a known', '        /* a known'),
-    ('        if ((size_t)count > sizeof bytes) {', '        if (0) {'),
     ('hardware->connect() > 0', 'hardware->connect()'),
     ('hardware->ready() > 0', 'hardware->ready()'),
     ('hardware->joined() > 0', 'hardware->joined()'),
+    ('kart->heard_at = kart->turn_before', 'kart->heard_at = kart->now'),
 ]
 
 
