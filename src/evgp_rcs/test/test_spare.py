@@ -252,6 +252,19 @@ def test_a_copy_that_fails_is_told_in_one_line_and_by_the_exit_code(
     assert len(capsys.readouterr().out.splitlines()) == 1
 
 
+def test_once_a_takeover_has_used_the_copy_the_old_machine_is_copied_no_more(
+    first: pathlib.Path, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may be switched on again for its record, which is older than the one made here since."""
+    monkeypatch.setenv('ROS_HOME', str(tmp_path))
+    Record(first / 'record.sqlite3').end()
+    taken = spare.copies().with_name('takeover-1')
+    monkeypatch.setattr(spare.time, 'sleep', lambda seconds: spare.copies().rename(taken))
+    words = ['--roster', 'karts.yaml', '--params', 'rcs.yaml', '--record']
+    assert spare.main([str(first), *words, str(first / 'record.sqlite3')]) == 0
+    assert latest() == taken
+
+
 @pytest.mark.parametrize('ours', ['', '/rcs'])
 def test_with_sros2_the_timekeeper_of_a_takeover_has_its_own_enclave(
     ours: str, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch

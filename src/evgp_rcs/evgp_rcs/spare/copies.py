@@ -205,7 +205,7 @@ def latest() -> pathlib.Path:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """
-    Copy race control's files repeatedly until Ctrl-C, or once.
+    Copy race control's files repeatedly until Ctrl-C or a takeover, or once.
 
     :param arguments: command-line arguments; None for those of this process.
     :return: 0, or 1 if the copy failed with ``--once``. After a usage error, the process exits
@@ -242,6 +242,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if given.once:
                 return 0 if at else 1
             time.sleep(max(0.0, began + COPY_EVERY - clock.now()))
+            if at is not None and not copies().exists():
+                print('ENDED: a takeover has used the copy, so this machine is race control.')
+                break  # a later copy of the old machine would seem newer than this one's record
     return 0
 
 
