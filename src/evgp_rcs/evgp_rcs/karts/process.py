@@ -78,7 +78,6 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
             begin.cannot_know or record.why,
         ),
     )
-    record.remember(race.memory())
     priority.come_first()
     ros_half.attach(loop, server.take_commands)
     # A signal to this process makes it end normally. Signals from a terminal reach only the ROS
@@ -91,6 +90,7 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
     gc.freeze()
 
     def listening(address: tuple[str, int]) -> None:
+        record.remember(race.memory())
         server.expect_ros_half(FIRST_SIGN)
         ros_half.send(pack(Listening(address)))
 

@@ -246,8 +246,9 @@ class KartServer:
             where = f'{self._settings.host}, port {self._settings.port}'
             raise KartServerError(
                 f'race control cannot listen for karts at {where}: {in_words(error)}. '
-                'Another race control may still be running here. Stop the program that uses the '
-                'port, or choose another address or port'
+                "Set address (make run ADDRESS=...) to this machine's address on the karts' "
+                'network. If it is right, stop the program that uses the port, which may be '
+                'another race control'
             ) from error
         if self._left_behind is not None:
             self._publish_outcome(self._first_events, self._left_behind.at)
