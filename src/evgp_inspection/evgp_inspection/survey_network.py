@@ -345,7 +345,11 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
     try:
         report = run(_survey(options, limits))
     except (OSError, OverflowError) as error:  # OverflowError: a port above 65535
-        print(f'The survey cannot start: {error}', file=sys.stderr)
+        print(
+            f'The survey cannot start: {error}. Race control must not be running on this '
+            "computer, and --listen must be one of this computer's addresses",
+            file=sys.stderr,
+        )
         return Exit.NOT_PASSED
     if report is None:
         print(f'The survey did not start: the word was not "{WORD}".', file=sys.stderr)

@@ -301,6 +301,7 @@ def test_a_disk_that_turns_read_only_is_said_until_it_can_be_written(
     second = Record(path)
     assert second.error == 'read-only file system'
     assert second.left_behind == RACING
+    assert texts(path, 1) == ['something']
     put(second, event(1, 'while it could not be written'))
     assert not second.write()
     subprocess.run(['mount', '-o', 'remount,rw', str(small_disk)], check=True)

@@ -352,7 +352,10 @@ def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
     """
     if not path.exists():
         raise FileNotFoundError(f'there is no {path}')
-    database = sqlite3.connect(f'{path.absolute().as_uri()}?mode=ro', uri=True, timeout=1.0)
+    # Beside a file that may change, SQLite needs files of its own, which it may not create here.
+    is_final = not (path.with_name(f'{path.name}-wal').exists() or os.access(path.parent, os.W_OK))
+    how = 'immutable=1' if is_final else 'mode=ro'
+    database = sqlite3.connect(f'{path.absolute().as_uri()}?{how}', uri=True, timeout=1.0)
     database.text_factory = lambda text: text.decode(errors='replace')
     return database
 
