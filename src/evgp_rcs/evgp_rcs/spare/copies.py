@@ -199,7 +199,10 @@ def latest() -> pathlib.Path:
     records = [copies() / RECORD, *rcs_folder().glob(f'takeover-*/{RECORD}')]
     found = [(path.stat().st_mtime, path.parent) for path in records if path.exists()]
     if not found:
-        raise SpareError(f'there is no copy in {copies()}. Make one with: make spare FROM=...')
+        raise SpareError(
+            f'there is no copy in {copies()}. While race control runs, make one with: make spare '
+            'FROM=... If its machine has died, docs/race-day.md says what to do without a copy'
+        )
     return max(found)[1]
 
 
