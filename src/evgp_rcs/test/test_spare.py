@@ -13,6 +13,7 @@ import sqlite3
 import sys
 import threading
 import time
+from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.record import run_mark
@@ -259,7 +260,14 @@ def test_once_a_takeover_has_used_the_copy_the_old_machine_is_copied_no_more(
     monkeypatch.setenv('ROS_HOME', str(tmp_path))
     Record(first / 'record.sqlite3').end()
     taken = spare.copies().with_name('takeover-1')
-    monkeypatch.setattr(spare.time, 'sleep', lambda seconds: spare.copies().rename(taken))
+
+    def keep_and_take(*given: Any) -> float:
+        age = keep(*given)
+        spare.copies().rename(taken)
+        return age
+
+    monkeypatch.setattr(spare, 'keep', keep_and_take)
+    monkeypatch.setattr(spare, 'COPY_EVERY', 0.0)
     words = ['--roster', 'karts.yaml', '--params', 'rcs.yaml', '--record']
     assert spare.main([str(first), *words, str(first / 'record.sqlite3')]) == 0
     assert latest() == taken
