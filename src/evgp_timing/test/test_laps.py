@@ -232,7 +232,7 @@ def test_a_clock_that_was_set_back_between_two_races_costs_only_the_first_crossi
 
 
 @pytest.mark.parametrize(
-    'first, came, crossed',
+    ('first', 'came', 'crossed'),
     [
         pytest.param(('line', -15.0), 0.2, 0.2, id='both arrive together'),
         pytest.param(('line', -15.0), 2.0, 0.1, id='the second waited longer'),
