@@ -22,6 +22,7 @@ from evgp_board.view import Heard, Line
 from evgp_node.results import KartResult, Standings, Status
 from evgp_protocol import clock
 from evgp_protocol.link import Grade
+from evgp_protocol.loop import run
 from evgp_protocol.states import RaceState
 from evgp_protocol.states import RaceState as S
 from evgp_rcs.rules.link_quality import NOT_MEASURED
@@ -187,7 +188,7 @@ def served(heard: Heard) -> Iterator[str]:
     heard, ending = dataclasses.replace(heard, came=clock.now()), threading.Event()
     listening = socket.create_server(('127.0.0.1', 0))
     server = Server(lambda at: heard)
-    serving = threading.Thread(target=lambda: clock.run(server.run(listening, ending)))
+    serving = threading.Thread(target=lambda: run(server.run(listening, ending)))
     serving.start()
     try:
         yield f'http://127.0.0.1:{listening.getsockname()[1]}'

@@ -218,8 +218,12 @@ def test_grid_active_closes_the_track_by_the_line_that_is_printed_and_after_it_w
 
 
 TYPE = 'rcs_ctl grid-active 1 2 --track-is-clear'
-IF_CLEAR = f'If you state that the track is clear of humans, type: {TYPE}\n'
-NOT_YET = 'GREEN GREEN refused: the race is in IN GARAGE; GREEN GREEN follows GRID ACTIVE.\n'
+IF_CLEAR = (
+    f'If you state that the track is clear of humans (this command closes it), type: {TYPE}\n'
+)
+NOT_YET = (
+    'GREEN GREEN refused: the race is in IN GARAGE; GREEN GREEN is possible only in GRID ACTIVE.\n'
+)
 
 
 def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
@@ -232,7 +236,7 @@ def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
 
     for line, code, *said in (
         ('green-green 1 2', REFUSED, NOT_YET),
-        ('green-green', REFUSED, 'GREEN GREEN follows GRID ACTIVE'),
+        ('green-green', REFUSED, 'GREEN GREEN is possible only in GRID ACTIVE'),
         ('grid-active 1 --track-is-clear', REFUSED, which, f'type: {TYPE}\n'),
         ('grid-active', USAGE, which, IF_CLEAR),
         ('grid-active 1 2', REFUSED, 'state that the track is clear', IF_CLEAR),

@@ -182,7 +182,7 @@ def test_a_decoder_of_the_field_gives_a_kart_laps_by_number_or_label_and_gates_a
         laps = Laps(LapSettings(), Format.RACE, 0, 0.0, (7,), {name: 7}).again()
         for each in map(passing_of, heard):
             laps, _ = laps.take([each], each.stamp_ns / 1e9)
-        assert len(laps.lap_times(7)) == 2
+        assert len(laps.result(7).lap_times) == 2
         assert not laps.unknown
 
 

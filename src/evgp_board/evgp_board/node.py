@@ -30,6 +30,7 @@ from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
 from evgp_node.results import Standings, TIMING_GONE
 from evgp_protocol import clock
+from evgp_protocol.loop import run
 from evgp_rcs.ros.messages import event_of
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import GONE_AFTER
@@ -121,7 +122,7 @@ class BoardNode(StrictNode):
 
     def _serve(self) -> None:
         try:
-            clock.run(Server(self._look).run(self._listening, self._ending))
+            run(Server(self._look).run(self._listening, self._ending))
         except BaseException as error:  # noqa: BLE001 - passed on
             self._on_failure(error)
         finally:

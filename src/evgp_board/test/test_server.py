@@ -18,6 +18,7 @@ from evgp_board import server
 from evgp_board.server import Server
 from evgp_board.view import Heard
 from evgp_protocol import clock
+from evgp_protocol.loop import run
 from evgp_rcs.rules.snapshot import NOTHING
 import pytest
 
@@ -36,7 +37,7 @@ class Board:
         self._thread.start()
 
     def _run(self) -> None:
-        clock.run(Server(lambda at: self.now).run(self._listening, self._ending))
+        run(Server(lambda at: self.now).run(self._listening, self._ending))
 
     def say(self, banner: str) -> None:
         """Have race control say something, which every page shows."""

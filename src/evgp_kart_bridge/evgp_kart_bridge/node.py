@@ -30,6 +30,7 @@ from evgp_kart_bridge.link import (
     REPEAT,
 )
 from evgp_kart_bridge.motion import Motion, NEVER_MOVED
+from evgp_kart_bridge.orders import LONGEST_LEASE
 from evgp_kart_bridge.watch import LEASE, LOG_AGAIN, race_state_qos
 from evgp_node.graph import KEEPS_APART, where_reachable
 from evgp_node.parameters import check_address, ParameterError, StrictNode
@@ -563,8 +564,8 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     ),
     (
         'odometry_required',
-        'Accept acknowledgements only if ~/odom agrees: RED_FLAG and RED_RED at a standstill, '
-        'GREEN_GREEN in motion, GRID_ACTIVE while it is received.',
+        'Accept acknowledgements only if ~/odom agrees: GRID_ACTIVE, RED_FLAG and RED_RED at a '
+        'standstill, GREEN_GREEN in motion.',
     ),
     (
         'auto_acknowledge_stop',
@@ -604,7 +605,7 @@ def read_settings(node: StrictNode) -> tuple[LinkSettings, Settings, float]:
         'liveliness_lease',
         LEASE,
         'Silence of the bridge after which a subscriber must stop the kart, in seconds.',
-        (0.2, 2.0),
+        (0.2, LONGEST_LEASE),
     )
     rules: dict[str, Any] = {
         name: declare(name, getattr(Settings, name), *meaning_and_limits)

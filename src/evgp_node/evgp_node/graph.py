@@ -24,6 +24,7 @@ import os
 import pathlib
 import socket
 import struct
+import sys
 import tempfile
 import threading
 
@@ -617,4 +618,7 @@ def _filtered_interfaces(of: socket.socket) -> list[int] | None:
 
 
 if __name__ == '__main__':
-    print(fast_dds_profile(_named_interface()), end='')
+    try:
+        print(fast_dds_profile(_named_interface()), end='')
+    except GraphError as error:
+        sys.exit(str(error))

@@ -21,7 +21,7 @@ from evgp_node.encoding import DAMAGED, reader, written
 
 _Entry = TypeVar('_Entry')
 
-SCHEMA_VERSION = 11
+SCHEMA_VERSION = 12
 """The ``user_version`` of the files that contain such streams."""
 
 BOOK = 'timing.sqlite3'

@@ -40,7 +40,7 @@ from evgp_node.results import (
     Standings,
 )
 from evgp_node.roster import Format, Heat
-from evgp_timing.laps import Laps, LapSettings, overall, Taken
+from evgp_timing.laps import Crossing, Laps, LapSettings, overall
 
 MOST_SEEN = 100_000
 """Maximum number of passings that the desk remembers to recognise repeats."""
@@ -323,12 +323,12 @@ class Desk:
                     race.by_finish[kart] = identity  # a beam saw what FINISH had recorded
 
     @staticmethod
-    def _take_its_place(race: Race, seen: Taken) -> None:
+    def _take_its_place(race: Race, seen: Crossing) -> None:
         """Replace the crossing recorded for a FINISH with one that a source saw, if it counts."""
         identity = seen.passing.identity
         laps = race.laps.strike(race.by_finish[seen.kart], f'seen by {identity}')
-        marks = zip(laps.crossings, laps.marks, strict=True)
-        if any(each.passing.identity == identity and mark is Mark.COUNTED for each, mark in marks):
+        counts = (each.passing.identity for each in laps.crossings if each.mark is Mark.COUNTED)
+        if identity in counts:
             race.laps = laps
 
     def _by_hand(self, race: Race) -> int:

@@ -48,8 +48,7 @@ from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_rcs.karts import priority
 from evgp_rcs.karts.address_watch import AddressTakenError, AddressWatch, to_be_asked
-from evgp_rcs.karts.channel import ANSWER_TIMEOUT, Begin
-from evgp_rcs.karts.server import KartServerError
+from evgp_rcs.karts.channel import ANSWER_TIMEOUT, Begin, KartServerError
 from evgp_rcs.record.run_mark import leave_began, place
 from evgp_rcs.ros.kart_client import KartServerClient
 from evgp_rcs.ros.presence import MOST_PROGRAMS, Presences
