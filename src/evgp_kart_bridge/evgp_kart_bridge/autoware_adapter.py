@@ -25,6 +25,7 @@ from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from tier4_control_msgs.srv import SetStop
 from tier4_external_api_msgs.srv import SetEmergency
@@ -38,6 +39,13 @@ REQUEST_AGAIN = 0.2
 GRANTED_FOR = 1.0
 """Time for which the adapter relies on a granted stop, in seconds. It waits equally long for
 Autoware to grant a new one."""
+
+HEARTBEAT_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
 
 
 class StopRequest:
@@ -90,7 +98,9 @@ class AutowareAdapter(StrictNode):
         self.refuse_unknown()
         self._mode, self._motion = OperationModeState(), MotionState()
         self._watch = RaceStateWatch(self)
-        self._heartbeat = self.create_publisher(ManualOperatorHeartbeat, '~/heartbeat', 1)
+        self._heartbeat = self.create_publisher(
+            ManualOperatorHeartbeat, '~/heartbeat', HEARTBEAT_QOS
+        )
         self._gentle = StopRequest(
             self.create_client(SetStop, '/control/vehicle_cmd_gate/set_stop'),
             lambda stop: SetStop.Request(stop=stop, request_source='evgp'),

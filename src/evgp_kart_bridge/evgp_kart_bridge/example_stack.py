@@ -34,8 +34,14 @@ from evgp_protocol.states import RaceState
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
 from rclpy.publisher import Publisher
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 STEP = 0.02  # s
+
+COMMAND_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE
+)
+"""QoS of the motors' topic. With it, the motors receive only the newest command."""
 
 # The target speed (m/s) and the acceleration (m/s²) in each state.
 DRIVING = {
@@ -106,8 +112,7 @@ class ExampleStack(StrictNode):
             raise ParameterError(
                 f'parameter command: {command} needs {package}, which is not sourced'
             ) from error
-        # The motors receive only the newest command.
-        return self.create_publisher(getattr(messages, kind), topic, 1)
+        return self.create_publisher(getattr(messages, kind), topic, COMMAND_QOS)
 
     def close(self) -> None:
         """Brake to a stop without the executor, which may no longer be running."""

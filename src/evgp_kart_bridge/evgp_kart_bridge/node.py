@@ -32,6 +32,7 @@ from evgp_kart_bridge.link import (
 from evgp_kart_bridge.motion import Motion, NEVER_MOVED
 from evgp_kart_bridge.orders import LONGEST_LEASE
 from evgp_kart_bridge.watch import LEASE, LOG_AGAIN, race_state_qos
+from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.graph import KEEPS_APART, where_reachable
 from evgp_node.parameters import check_address, ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
@@ -47,7 +48,7 @@ from evgp_rcs_msgs.msg import KartRaceState
 from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool, ColorRGBA, String
 from std_srvs.srv import SetBool
 
@@ -66,7 +67,12 @@ stop."""
 REMOTE_TYPE = 'std_msgs/msg/Bool'
 """Type of `REMOTES`, as the ROS graph names it. A message of another type never arrives."""
 
-REMOTE_QOS = QoSProfile(depth=10)
+REMOTE_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
 """QoS of `REMOTES`. It ensures that no stop is lost. If a publisher's QoS does not ensure this,
 the bridge treats that publisher as a stop."""
 
@@ -89,7 +95,12 @@ ODOMETRY_DUE = 2.0
 TEAM_TIMEOUT = 1.0
 """Time after which a bridge whose executor is stuck counts as deaf to its team, in seconds."""
 
-ODOMETRY_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+ODOMETRY_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
 """QoS of ``~/odom``. With it, the bridge receives the newest odometry, whether the publisher is
 reliable or not."""
 
@@ -150,7 +161,7 @@ class KartBridge(StrictNode):
         # means that the state is unknown.
         self._state = self.create_publisher(String, '~/state', 1)
         self._lamp = self.create_publisher(ColorRGBA, '~/lamp', qos)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._published: Verdict | None = None
         self._logged: dict[str, float] = {}  # warnings, and when each was logged

@@ -54,7 +54,13 @@ import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import qos_profile_services_default, QoSProfile
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    qos_profile_services_default,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 
 _Read = TypeVar('_Read')
 
@@ -106,7 +112,20 @@ PRESENCE_PERIOD = 0.5
 """Time between two announcements of presence, in seconds. After 2 s without one, race control
 treats the program as gone."""
 
-STOP_QOS = QoSProfile(depth=1)
+ANNOUNCE_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""QoS of ``rcs/presence``."""
+
+STOP_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
 """
 QoS of the clients that call the stops to more than one kart.
 
@@ -195,7 +214,7 @@ class Client:
         if there:
             with contextlib.suppress(RCLError):  # a spectators' screen has no permission
                 publish = self.node.create_publisher
-                self._there = publish(msg.Presence, 'rcs/presence', 10)
+                self._there = publish(msg.Presence, 'rcs/presence', ANNOUNCE_QOS)
         self.topic: str = self.node.resolve_topic_name('rcs/race')
         self._sources = Sources()
         self._began = RaceBegan()

@@ -20,6 +20,7 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.graph import where_reachable
 from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
@@ -80,7 +81,7 @@ class TimingSource(StrictNode):
         super().__init__('timing_source', **{'namespace': 'rcs', **node_options})
         self._settings = read_settings(self)
         self._passings = self.create_publisher(msg.Passing, 'passings', PASSINGS_QOS)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         gates = frozenset(each.strip() for each in self._settings.gates.split(','))
         self._account = Account(clock.now(), gates - {''})
         self._gone = 'The device is not connected yet'  # empty if it is connected

@@ -22,6 +22,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from evgp_node.codec import value_of
 from evgp_node.deadline import end_within
+from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.entries import Entry
 from evgp_node.graph import fence_graph, GraphError
 from evgp_node.official import claim, tidy
@@ -82,7 +83,7 @@ class Client:
         subscribe = self.node.create_subscription
         subscribe(msg.Results, 'rcs/timekeeper/results', self._hear_results, latched(1))
         subscribe(msg.Race, 'rcs/race', self._hear_race, latched(1))
-        subscribe(DiagnosticArray, '/diagnostics', self._hear_lines, 10)
+        subscribe(DiagnosticArray, '/diagnostics', self._hear_lines, DIAGNOSTICS_QOS)
         log = self.node.get_logger()
         self._spinning = Spinning(
             self.node, lambda error: log.error(f'This window no longer receives news: {error!r}')

@@ -63,7 +63,13 @@ from evgp_rcs_msgs.srv import SignOfLife
 from rclpy.duration import Infinite
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import LivelinessPolicy, QoSProfile
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 
 ALIVE_EVERY = 0.2
 """Time between two signs of life to the kart server, in seconds. After 1 s without one, the kart
@@ -80,14 +86,22 @@ of measuring time, because a stopped process makes no calls."""
 GRAPH_LOOK = 10
 """Number of signs of life for each check of the graph. A check takes the kernel up to 1 ms."""
 
-SERVICE_QOS = QoSProfile(depth=1000)
+SERVICE_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1000,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
 """QoS of the services. With ROS's usual depth of 10, the eleventh stop of a burst would push out
 the first stop before its answer. With KEEP_ALL, a client that does not read its answers could
 block the others."""
 
 
 PRESENCE_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
     depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
     liveliness=LivelinessPolicy.AUTOMATIC,
     liveliness_lease_duration=Infinite,
 )

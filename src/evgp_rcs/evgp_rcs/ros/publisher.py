@@ -22,6 +22,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from evgp_node.codec import message_of
+from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.official import said_by
 from evgp_node.process import wait_until_heard
 from evgp_node.qos import latched
@@ -90,7 +91,7 @@ class RacePublisher:
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
         self._state = node.create_publisher(String, '~/state', 1)  # volatile, to keep no old state
         self._events = node.create_publisher(msg.RaceEvents, '~/events', EVENTS_QOS)
-        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         self._happened: queue.SimpleQueue[list[StampedEvent] | Snapshot | str | None]
         self._happened = queue.SimpleQueue()
         self._graph_alerts: tuple[Alert, ...] = ()
