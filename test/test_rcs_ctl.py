@@ -529,6 +529,36 @@ def test_the_answer_is_out_before_anything_is_torn_down(
     assert seconds < 20
 
 
+def test_a_stop_to_a_race_control_that_is_frozen_ends_by_its_deadline(
+    start_race_control: StartRaceControl,
+) -> None:
+    control = start_race_control(in_race=(1,))
+    control.signal(signal.SIGSTOP)
+    began = time.monotonic()
+
+    done = run(control.domain, 'kart-red-flag', '1', '--wait', '2')
+
+    assert done.returncode == NOT_THERE
+    # On a busy machine ROS takes longer to start, and then less of the 2 s is left.
+    assert re.search(
+        r'no answer within [0-2](\.\d)? s \(once ROS had started, which took \d+\.\d s',
+        done.stderr,
+    )
+    assert 'USE THE MSR' in done.stderr
+    assert time.monotonic() - began < 2 + STARTING + TIDY + 3.0
+
+
+def test_a_stop_of_a_kart_is_pressed_until_race_control_is_there(
+    parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
+) -> None:
+    with start(domain, 'kart-red-red', '1', '--wait', '25') as stop:
+        parts.enter_context(RaceControl(tmp_path, domain, (1,)))
+        stdout, stderr = stop.communicate(timeout=2 * PATIENCE)
+
+    assert stop.returncode == ACCEPTED, stderr
+    assert 'RED RED' in stdout
+
+
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
