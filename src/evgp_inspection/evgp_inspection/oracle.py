@@ -25,6 +25,7 @@ import enum
 import itertools
 import math
 import statistics
+from typing import NamedTuple
 
 from evgp_inspection.limits import Limits
 from evgp_inspection.traces import Event, Kind, Said, SentState, Trace
@@ -154,8 +155,7 @@ class Law(enum.Enum):
     LOST = 'lost'
 
 
-@dataclasses.dataclass(frozen=True)
-class Breach:
+class Breach(NamedTuple):
     """
     A finding about one sentence.
 
@@ -170,6 +170,11 @@ class Breach:
     since: float
     at: float
     measured: float | None = None
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Return how grave it is: above all if it is not judged, or else by the time it took."""
+        return self.verdict is Verdict.NOT_JUDGED, self.measured or 0.0
 
 
 @dataclasses.dataclass
@@ -330,13 +335,9 @@ class Oracle:
         self._keep(Breach(name, Verdict.PASS, why, at, at, measured))
 
     def _keep(self, found: Breach) -> None:
-        """Keep the gravest finding: one that is not judged, or else the slowest pass."""
-
-        def rank(each: Breach) -> tuple[bool, float]:
-            return each.verdict is Verdict.NOT_JUDGED, each.measured or 0.0
-
+        """Keep the gravest finding."""
         before = self._found.get(found.name)
-        if before is None or rank(found) > rank(before):
+        if before is None or found.rank > before.rank:
             self._found[found.name] = found
 
     # ----- events -------------------------------------------------------------------------------

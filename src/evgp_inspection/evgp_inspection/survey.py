@@ -221,7 +221,7 @@ class LinkSurvey:
             return Figure(name, value, limit, unit, verdict)
 
         on = self._time_connected
-        silence = max((each.silence for each in self.seconds), default=0.0)
+        silence = max([self._silence, *(each.silence for each in self.seconds)])
         enough = Verdict.PASS if on >= limits.shortest else Verdict.NOT_JUDGED
         return [
             at_most('round trip, 99th percentile', self.percentile, limits.round_trip, 's'),

@@ -185,7 +185,7 @@ class InspectedKart:
         self._has = {name: name == habit for name in HABITS}
         assert not habit or habit in HABITS
         self._long_after = long_after
-        self._read_at = 0.0
+        self._read_at = self._took_at = 0.0
         self._says_garage = says_garage
         self.last_heard = b''
         self._port = port
@@ -211,7 +211,7 @@ class InspectedKart:
         self._drove = False
         self._goes_on = False  # faulty: drives on although race control is gone
         self._decoder = FrameDecoder()
-        self._idle = 0  # turns since it last read something
+        self._found: asyncio.Future[bool] = self._loop.create_future()
         self._frame_times: list[float] = []
         self._silent_kept = False
         self._deaf_until = 0.0
@@ -225,7 +225,7 @@ class InspectedKart:
         self._begins = False  # it was told to drive just before a stop
 
     async def run(self) -> None:
-        ticking = asyncio.create_task(self._tick_for_ever())
+        self._tick()
         second: socket.socket | None = None
         try:
             while True:
@@ -233,7 +233,7 @@ class InspectedKart:
                     link = self._connect()
                 except ConnectionRefusedError:
                     if self._is['gives up when it is refused']:
-                        await ticking
+                        await self._loop.create_future()
                     if self._is['a race control that is away arms it']:
                         self._lost_how = 'refused'
                     await asyncio.sleep(RETRY)
@@ -245,15 +245,14 @@ class InspectedKart:
                 with link:
                     await self._serve(link)
                 if self._is['FIN ends it'] and self._lost_how == 'closed':
-                    await ticking
+                    await self._loop.create_future()
                 if self._is['RST ends it'] and self._lost_how == 'reset':
-                    await ticking
+                    await self._loop.create_future()
                 await asyncio.sleep(RETRY)
         finally:
-            ticking.cancel()
+            self._next_tick.cancel()
             if second is not None:
                 second.close()
-            await asyncio.gather(ticking, return_exceptions=True)
 
     def _connect(self) -> socket.socket:
         link = socket.socket()
@@ -270,6 +269,7 @@ class InspectedKart:
         """Have its bridge die, which is started again, or its stack: then the base is left."""
         if part == 'bridge':
             self._bridge_killed = True
+            self._find(False)
         else:
             self._stack_died_at = self._loop.time()
 
@@ -342,8 +342,9 @@ class InspectedKart:
             size = 4096 if not one_frame else 6 if half else 13
             if size == 6:  # but it is never so late that it misses other limits too
                 size = max(size, unread(link) - MOST_UNREAD)
-            if not await self._readable(link):
-                self._idle += 1
+            often = self._is['takes 10 Hz for silence']
+            left = 0.0 if often else self._heard_at + self._silence - now
+            if not await self._readable(link, max(left, STEP)):
                 continue
             try:
                 data = link.recv(size)
@@ -370,22 +371,21 @@ class InspectedKart:
                 self._lost('malformed')
                 return
 
-    async def _readable(self, link: socket.socket) -> bool:
-        """Return whether there is something to read within `STEP`."""
-        found: asyncio.Future[bool] = self._loop.create_future()
-
-        def find(readable: bool) -> None:
-            if not found.done():
-                found.set_result(readable)
-
+    async def _readable(self, link: socket.socket, seconds: float) -> bool:
+        """Return whether there is something to read within a time, while its bridge lives."""
+        self._found = self._loop.create_future()
         number = link.fileno()  # asyncio writes out the socket itself for each lookup
-        self._loop.add_reader(number, find, True)
-        timer = self._loop.call_later(STEP, find, False)
+        self._loop.add_reader(number, self._find, True)
+        timer = self._loop.call_later(seconds, self._find, False)
         try:
-            return await found
+            return await self._found
         finally:
             timer.cancel()
             self._loop.remove_reader(number)
+
+    def _find(self, readable: bool) -> None:
+        if not self._found.done():
+            self._found.set_result(readable)
 
     def _too_slow(self, now: float) -> bool:
         if not self._is['takes 10 Hz for silence'] or not self._frame_times:
@@ -421,10 +421,10 @@ class InspectedKart:
         if (
             self._is['needs a whole frame in each read']
             or self._is[ECHOES_LATE]
-            or (self._is['forgets half a frame'] and self._idle > 1)
+            or (self._is['forgets half a frame'] and now - self._took_at > 2 * STEP)
         ):
             self._decoder = FrameDecoder()
-        self._idle = 0
+        self._took_at = now
         if self._is['throws long reads away'] and len(data) > 40:
             return True
         if self._is['looks for GREEN_GREEN anywhere'] and b'GREEN_GREEN' in data:
@@ -533,12 +533,9 @@ class InspectedKart:
             return RED_RED
         return commanded
 
-    async def _tick_for_ever(self) -> None:
-        while True:
-            self._tick(self._loop.time())
-            await asyncio.sleep(STEP)
-
-    def _tick(self, now: float) -> None:
+    def _tick(self) -> None:
+        now = self._loop.time()
+        self._next_tick = self._loop.call_later(STEP, self._tick)
         obeyed = self._obeyed
         since = now - self._ordered_at
         target = TOP if obeyed is GREEN_GREEN or self._goes_on else 0.0

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import pathlib
 import re
 
@@ -123,7 +122,7 @@ def test_a_kart_that_gets_faster_again_while_it_brakes_is_found(
         return 6.0 * again if since > 1.3 else max(6.0 - 5.0 * max(since, 0.0), 0.3)
 
     events = [
-        dataclasses.replace(event, value=speed(event.at - 5.0))
+        event._replace(value=speed(event.at - 5.0))
         if event.kind is Kind.SPEED and event.at > 5.0
         else event
         for event in trace(stop, 2.0, 0.0, 12.0)

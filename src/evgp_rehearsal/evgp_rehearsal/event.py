@@ -23,7 +23,7 @@ import signal
 import threading
 import time
 
-from evgp_node.codec import message_of
+from evgp_node.codec import message_of, value_of
 from evgp_node.qos import latched
 from evgp_node.results import Corrected
 from evgp_node.states import state_of
@@ -32,7 +32,6 @@ from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.store import events, open_read_only, sessions
 from evgp_rcs.record.timing import entries
-from evgp_rcs.ros.messages import race_of
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.spare.copies import fetch, keep
@@ -253,7 +252,7 @@ class Rehearsal(Part):
     def race(self) -> Snapshot | None:
         """Return the last received race, or None."""
         race = self.official.race
-        return None if race is None else race_of(race)
+        return None if race is None else value_of(race, Snapshot)
 
     def gather(self) -> None:
         """

@@ -111,6 +111,8 @@ def test_karts_differ_by_the_seed_and_by_nothing_else() -> None:
         'track: [[0, 0], [9, 0], [9, .nan]]',
         'track: [[0, 0], [9, 0], [9, 9]]\nkart: {top: 0}',
         'track: [[0, 0], [9, 0], [9, 9]]\nscript: [{what: 1}]',
+        'track: [[0, 0], [9, 0], [9, 9]]\nscript: [{incident: spin, at: soon}]',
+        'track: [[0, 0], [9, 0], [9, 9]]\nscript: [{incident: spin, at: 9, kart: 7}]',
         'track: [',
     ],
 )

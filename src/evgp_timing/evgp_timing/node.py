@@ -21,7 +21,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.graph import where_reachable
-from evgp_node.parameters import ParameterError, Parameters, StrictNode
+from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
 from evgp_node.qos import latched
 from evgp_node.stamps import stamp, stamp_of
@@ -78,7 +78,7 @@ class TimingSource(StrictNode):
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         """Read the parameters and start connecting to the device."""
         super().__init__('timing_source', **{'namespace': 'rcs', **node_options})
-        self._settings = read_settings(Parameters(self))
+        self._settings = read_settings(self)
         self._passings = self.create_publisher(msg.Passing, 'passings', PASSINGS_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         gates = frozenset(each.strip() for each in self._settings.gates.split(','))
@@ -218,13 +218,13 @@ class TimingSource(StrictNode):
         return now - max(self._account.heard_at, since) >= after
 
 
-def read_settings(parameters: Parameters) -> TimingSettings:
+def read_settings(node: StrictNode) -> TimingSettings:
     """
     Declare every parameter of the node, and return the values.
 
     :raises ParameterError: if a parameter is wrong.
     """
-    declare, default = parameters.declare, TimingSettings
+    declare, default = node.declare, TimingSettings
     kinds = (CONTACT, *DECODERS)
     settings = TimingSettings(
         kind=declare('kind', '', f'Kind of device: {", ".join(kinds)}.'),
@@ -251,7 +251,7 @@ def read_settings(parameters: Parameters) -> TimingSettings:
             'Numbers or labels of transponders that belong to gates and not to karts: 9992, 9995.',
         ),
     )
-    parameters.refuse_unknown()
+    node.refuse_unknown()
     for name, value, possible in (
         ('kind', settings.kind, kinds),
         ('line', settings.line, LINES),

@@ -33,16 +33,15 @@ from evgp_node.entries import OF_TIMEKEEPER
 from evgp_node.folder import rcs_folder
 from evgp_node.graph import where_reachable
 from evgp_node.official import heard, tidy, TIMEKEEPER
-from evgp_node.parameters import ParameterError, Parameters, StrictNode
+from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
 from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Passing, Standings
 from evgp_node.roster import load_roster, RosterError
-from evgp_node.services import service_class
 from evgp_node.stamps import seconds_of
 from evgp_node.stream import BOOK, Gap
 from evgp_protocol import clock
-from evgp_rcs_msgs import msg
+from evgp_rcs_msgs import msg, srv
 from evgp_rcs_msgs.srv import KartFinish
 from evgp_timing.book import Book, BookError
 from evgp_timing.corrections import CORRECTIONS
@@ -179,7 +178,7 @@ class Timekeeper(StrictNode):
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         """Restore this event's races from the book and start to listen."""
         super().__init__('timekeeper', **{'namespace': 'rcs', **node_options})
-        settings = read_settings(Parameters(self))
+        settings = read_settings(self)
         self._on_failure = on_failure
         self._settings = settings
         roster = read_roster(settings.roster)
@@ -209,7 +208,7 @@ class Timekeeper(StrictNode):
         for act, entry in CORRECTIONS.items():
             if act is not Act.RESTORE:
                 name = entry.service.removeprefix(OF_TIMEKEEPER)
-                self._offer(name, service_class(entry.service_type), act)
+                self._offer(name, getattr(srv, entry.service_type), act)
         subscribe = self.create_subscription
         subscribe(msg.RaceEvents, 'events', self._alone(self._hear), EVENTS_QOS)
         subscribe(msg.Passing, 'passings', self._alone(self._see), ARRIVING_QOS)
@@ -406,13 +405,13 @@ def _asked_for(act: Act, request: Any) -> Correction:
     return Correction(act, heard(request.official), **taken)
 
 
-def read_settings(parameters: Parameters) -> Settings:
+def read_settings(node: StrictNode) -> Settings:
     """
     Declare every parameter of the node, and return the values.
 
     :raises ParameterError: if a parameter is wrong.
     """
-    declare, default = parameters.declare, LapSettings
+    declare, default = node.declare, LapSettings
     roster = declare('roster', '', "Race control's roster: the file that lists the karts.")
     book = declare('book', '', 'The book, a file. Empty: evgp_rcs/timing.sqlite3 in ROS_HOME.')
     settings = LapSettings(
@@ -434,7 +433,7 @@ def read_settings(parameters: Parameters) -> Settings:
             (0.01, 10),
         ),
     )
-    parameters.refuse_unknown(own_file=True)
+    node.refuse_unknown(own_file=True)
     if settings.first_crossing not in ('starts', 'ends'):
         raise ParameterError(
             f'parameter first_crossing: {settings.first_crossing!r} is not valid. Set starts or '

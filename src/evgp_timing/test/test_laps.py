@@ -12,7 +12,7 @@ from typing import Any
 
 from evgp_node.results import BY_HAND, KartResult, Mark, Passing, Penalty, Status
 from evgp_node.roster import Format
-from evgp_timing.laps import Laps, LapSettings, MOST_A_RACE, MOST_SOURCES, ranked
+from evgp_timing.laps import Crossing, Laps, LapSettings, MOST_A_RACE, MOST_SOURCES, ranked
 from evgp_timing.passings import MAX_RATE
 from hypothesis import given
 from hypothesis import strategies as st
@@ -205,13 +205,51 @@ def test_a_clock_that_jumps_is_told_by_the_name_of_its_source_and_the_arrival_co
 ) -> None:
     fresh = Story(race())
     fresh.passing('line', 1, '', 0.0)
-    fresh.now += step
-    fresh.passing('line', 1, '', jump)
+    for late in (0.0, 0.3):  # once it has jumped, the source's clock counts again
+        fresh.now += step
+        fresh.passing('line', 1, '', jump - late)
 
     assert fresh.laps.clocks == {'line'}
     assert 'line' in fresh.laps.trouble(GREEN)
-    (one, two) = fresh.laps.counted[1]
-    assert two - one == pytest.approx(step)
+    assert fresh.laps.counted[1] == pytest.approx((0.0, step, 2 * step - 0.3))
+
+
+def with_clock_from_before() -> Story:
+    """Return a race whose source reported a crossing a minute before GREEN_GREEN."""
+    before = Passing('line', 'today', 0, 1, '', round((2e9 - 60.0) * 1e9))
+    anchors = {('line', 'today'): Crossing(before, -60.0, -60.0)}
+    return Story(dataclasses.replace(race(), anchors=anchors))
+
+
+def test_a_clock_that_was_set_back_between_two_races_costs_only_the_first_crossing() -> None:
+    story = with_clock_from_before()
+    for step in (20.0, 10.0, 10.0, 10.0):
+        story.now += step
+        story.passing('line', 1, '', -3600.0)
+
+    assert story.laps.clocks == {'line'}
+    assert story.laps.counted[1] == pytest.approx((30.0, 40.0, 50.0))
+
+
+@pytest.mark.parametrize(
+    ('first', 'came', 'crossed'),
+    [
+        pytest.param(('line', -15.0), 0.2, 0.2, id='both arrive together'),
+        pytest.param(('line', -15.0), 2.0, 0.1, id='the second waited longer'),
+        pytest.param(('beam', 0.0), 2.0, 2.0, id='another source is in the race'),
+    ],
+)
+def test_a_crossing_of_before_green_never_counts_late_as_it_arrives(
+    first: tuple[str, float], came: float, crossed: float
+) -> None:
+    story = with_clock_from_before()
+    story.now = 5.0
+    source, offset = first
+    story.passing(source, 2, '', offset)
+    story.now += came
+    story.passing('line', 1, '', crossed - came - 15.0)
+
+    assert not story.laps.counted.get(1)
 
 
 @given(stories(), st.data())
