@@ -361,18 +361,16 @@ def reachable_at() -> tuple[str, ...]:
     return tuple(sorted(beyond, key=ipaddress.IPv4Address))
 
 
-def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
+def refuse_open_graph(kart_address: str) -> None:
     """
     Refuse a graph that programs on the karts' network could reach.
 
     Call this once there is a node.
 
     :param kart_address: address at which race control listens for karts, or `EVERY`.
-    :param accepted: whether a parameter accepts such a graph explicitly.
-    :raises GraphError: if programs could reach the graph from there, SROS2 is not enforced, and
-        `accepted` is False.
+    :raises GraphError: if programs could reach the graph from there, and SROS2 is not enforced.
     """
-    if accepted or is_security_enforced() or ipaddress.IPv4Address(kart_address).is_loopback:
+    if is_security_enforced() or ipaddress.IPv4Address(kart_address).is_loopback:
         return
     there = interfaces()
     meeting = [

@@ -159,7 +159,8 @@ class RcsNode(StrictNode):
         )
         begin = read_settings(self)
         self._roster = str(self.get_parameter('roster').value)
-        refuse_open_graph(begin.settings.host, accepted=accept_open_graph)
+        if not accept_open_graph:
+            refuse_open_graph(begin.settings.host)
         self._claim = claim_the_graph(self)
         # The watch already asks while this process looks for rivals.
         self._addresses = [each.address for each in begin.roster.karts]
