@@ -53,7 +53,7 @@ SET_BY_NAME = (*OPTIONLESS, 'spare', 'takeover')
 """Commands whose --help lists NAME=value settings instead of the program's own options."""
 
 VARIABLES = {
-    'ADDRESS': "race control's address on the karts' network (evgp-run: only with OFFICIALS)",
+    'ADDRESS': "race control's address on the karts' network (evgp-run: required with OFFICIALS)",
     'FROM': 'the machine to copy and its folder: anna@10.1.0.5:evgp',
     'INTERFACE': "the network interface of the karts' network, such as eth0",
     'OFFICIAL': 'your name, for the record; without it, the program asks',

@@ -194,9 +194,10 @@ def check_restarts(node: StandIn, end: list[str]) -> None:
     assert {each.kind for each in shutdowns} == {'ShutdownProcess'}
     ended = [each.named['process_matcher'].positional[0].named['name'] for each in shutdowns]
     assert ended == end
-    # Once it was up, nothing is final: what is wrong now may be put right.
-    for code in (0, 1, -9, WRONG_SETTING, IN_THE_WAY):
+    # Once it was up, only an orderly end is final: what is wrong now may be put right.
+    for code in (1, -9, WRONG_SETTING, IN_THE_WAY):
         assert on_exit(SimpleNamespace(returncode=code, action=node), None) is None
+    assert len(on_exit(SimpleNamespace(returncode=0, action=node), None)) == len(end)
 
 
 def test_foxglove_reaches_topics_only_and_only_from_this_machine(

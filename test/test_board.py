@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Iterator
 import contextlib
+import dataclasses
 import os
 import pathlib
 import signal
@@ -16,11 +17,12 @@ import threading
 from typing import Any
 
 from evgp_board import node
-from evgp_board.server import Now, Server
+from evgp_board.server import Server
 from evgp_board.view import Heard, Line
 from evgp_node.results import KartResult, Standings, Status
 from evgp_protocol import clock
 from evgp_protocol.link import Grade
+from evgp_protocol.loop import run
 from evgp_protocol.states import RaceState
 from evgp_protocol.states import RaceState as S
 from evgp_rcs.rules.link_quality import NOT_MEASURED
@@ -183,10 +185,10 @@ def test_a_board_on_the_network_of_the_karts_ends(monkeypatch: pytest.MonkeyPatc
 @contextlib.contextmanager
 def served(heard: Heard) -> Iterator[str]:
     """Serve pages of what was made up; give their address."""
-    began, ending = clock.now(), threading.Event()
+    heard, ending = dataclasses.replace(heard, came=clock.now()), threading.Event()
     listening = socket.create_server(('127.0.0.1', 0))
-    server = Server(lambda at: Now(heard, at - began))
-    serving = threading.Thread(target=lambda: clock.run(server.run(listening, ending)))
+    server = Server(lambda at: heard)
+    serving = threading.Thread(target=lambda: run(server.run(listening, ending)))
     serving.start()
     try:
         yield f'http://127.0.0.1:{listening.getsockname()[1]}'

@@ -12,10 +12,9 @@ import subprocess
 import sys
 from typing import get_type_hints
 
-from evgp_node.services import service_class
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, Entry, kinds_by_service, Result
 from evgp_rcs.rules.race import Command, COMMANDS
-from evgp_rcs_msgs import msg
+from evgp_rcs_msgs import msg, srv
 import pytest
 import race_oracle
 import yaml
@@ -38,7 +37,7 @@ def fields_of(entry: Entry) -> dict[str, str]:
         fields['heat'] = 'string'
     if entry.names_number:
         fields[entry.names_number] = 'uint32'
-    if entry.service_type.endswith(('/RaceCommand', '/KartCommand')):
+    if entry.service_type in ('RaceCommand', 'KartCommand'):
         fields['age'] = 'double'  # the types of all stops; what is no stop does not use it
     # Under the same names, and of the same types, as the rules have them.
     of_command = {str: 'string', bool: 'boolean', int: 'uint32'}
@@ -80,7 +79,7 @@ def test_the_request_of_a_command_has_the_fields_that_the_catalogue_names(
 ) -> None:
     entry = CATALOGUE[kind]
 
-    request = service_class(entry.service_type).Request
+    request = getattr(srv, entry.service_type).Request
 
     assert request.get_fields_and_field_types() == fields_of(entry)
 
@@ -152,7 +151,7 @@ def test_the_documented_services_are_those_of_the_catalogue() -> None:
         (name,) = [entry.service] if entry.service in documented else stars
         used.add(name)
         type_name, request = documented[name]
-        assert type_name == entry.service_type.replace('/srv/', '/')
+        assert type_name == f'evgp_rcs_msgs/{entry.service_type}'
         assert set(re.findall(r'`[^`]+ (\w+)`', request)) == set(fields_of(entry)) - {'official'}
 
     assert used == set(documented)
@@ -175,7 +174,7 @@ def test_a_service_call_in_a_document_has_the_type_and_fields_of_its_command() -
     calls = [call for call in re.findall(CALL, text) if not call[0].startswith('timekeeper/')]
     for name, type_name, request in calls:
         entry = by_service[name]
-        assert entry.service_type.endswith(f'/{type_name}'), name
+        assert entry.service_type == type_name, name
         assert yaml.safe_load(request or '{}').keys() <= fields_of(entry).keys(), name
 
     assert {name for name, _, _ in calls} >= {'all_kill', 'grid_active', 'kart/finish'}

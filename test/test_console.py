@@ -24,14 +24,13 @@ from typing import Any
 
 from evgp_node.official import UNNAMED
 from evgp_node.qos import latched
-from evgp_node.services import service_class
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.ros.messages import message_of
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.snapshot import snapshot_of
-from evgp_rcs_msgs import msg
+from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official
@@ -704,7 +703,7 @@ class Speaker(RosSide):
         for entry in CATALOGUE.values():
             if accepts and entry.stop:
                 self.node.create_service(
-                    service_class(entry.service_type),
+                    getattr(srv, entry.service_type),
                     f'rcs/{entry.service}',
                     functools.partial(self._accept, entry.service),
                 )

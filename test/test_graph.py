@@ -15,7 +15,6 @@ import subprocess
 import sys
 from xml.etree import ElementTree
 
-from ament_index_python.packages import get_package_prefix
 from evgp_node import graph
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
@@ -24,7 +23,7 @@ from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import StartBridge, StartRaceControl
 from evgp_testing.kart import Bridge
 from evgp_testing.official import Official
-from evgp_testing.process import Process
+from evgp_testing.process import executable, Process
 from evgp_testing.race_control import address_of, new_port, RaceControl
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
@@ -237,12 +236,9 @@ def test_no_stranger_on_the_network_plays_race_control_to_the_consoles(
 
 def watch(domain: int, seconds: int) -> subprocess.Popen[str]:
     """Start `rcs_ctl watch --once`: it ends once it has heard race control, or what says so."""
-    package = 'evgp_rcs_console'
+    command = executable('evgp_rcs_console', 'rcs_ctl')
     return subprocess.Popen(
-        [
-            str(pathlib.Path(get_package_prefix(package), 'lib', package, 'rcs_ctl')),
-            *('watch', '--once', '--wait', str(seconds)),
-        ],
+        [command, 'watch', '--once', '--wait', str(seconds)],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

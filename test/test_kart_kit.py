@@ -386,6 +386,8 @@ FAULTS = [
     ('EVGP_GRID_ACTIVE && !kart->out) {', 'EVGP_GRID_ACTIVE) {'),
     ('stop != 0 || (int)source != own', 'stop != 0'),
     ('    if (count > SIZE_MAX / 2U) {', '    if (0) {'),
+    ('kart->heard_at = kart->turn_before', 'kart->heard_at = kart->turn'),
+    ('    kart->turn_before = now;\n', ''),
     ('EVGP_IN_GARAGE = 1', 'EVGP_IN_GARAGE = 6'),  # not the number of the message
 ]
 
@@ -474,8 +476,10 @@ BOARD_FAULTS = [
     ('    evgp_kart_closed(&board->kart, board->hardware->now());\n', ''),
     ('    board->hardware->close();\n', ''),
     ('reads < 16', 'reads < 64'),
-    ('count == 0 && evgp_kart_verdict(&board->kart).open', 'count == 0'),
-    ('return count == 0 &&', 'return'),
+    ('return evgp_kart_verdict(&board->kart).open;', 'return 1;'),
+    ('        evgp_kart_received(&board', '        if (count > 0) evgp_kart_received(&board'),
+    ('        if ((size_t)count > sizeof bytes) {', '        if (count < 0) {'),
+    ('        if ((size_t)count > sizeof bytes) {', '        if (count > 256) {'),
     ('    return 0; /* race control never', '    return 1; /* race control never'),
     ('2U * board->wait < first ? first : 2U * board->wait', 'first'),
     ('board->wait > last ? last : board->wait', 'board->wait'),
@@ -487,7 +491,6 @@ BOARD_FAULTS = [
     ('>= EVGP_STANDSTILL_MS', '>= 300'),
     ('!verdict.may_drive  ', 'verdict.obey == EVGP_RED_RED  '),
     ('        board->moved_at = now;\n', ''),
-    ('    evgp_kart_tick(&board->kart, hardware->now());\n', ''),
     ('        board->wait = EVGP_CONNECT_FIRST_MS; /* the', '        /* the'),
     ('(!joined || !evgp_p_listen(board))', '!evgp_p_listen(board)'),
     ('>= board->wait)', '> 0)'),
@@ -503,10 +506,10 @@ BOARD_FAULTS = [
         '    moves = hardware->moves();\n    hardware->act(action);\n',
     ),
     ('        hardware->act(EVGP_BRAKE); /* a known', '        /* a known'),
-    ('        if ((size_t)count > sizeof bytes) {', '        if (0) {'),
     ('hardware->connect() > 0', 'hardware->connect()'),
     ('hardware->ready() > 0', 'hardware->ready()'),
     ('hardware->joined() > 0', 'hardware->joined()'),
+    ('kart->heard_at = kart->turn_before', 'kart->heard_at = kart->now'),
 ]
 
 
@@ -713,6 +716,48 @@ def test_the_examples_drive_a_race_and_stop_when_the_real_race_control_hangs(
 
     lost(control.freeze, *karts)
     control.thaw()
+
+
+@pytest.mark.parametrize('stop', ['red', 'loss'])
+def test_a_terminal_that_takes_no_more_text_delays_no_stop_of_the_example_in_python(
+    stop: str, parts: contextlib.ExitStack
+) -> None:
+    code = """
+import os, sys
+import example
+from evgp_protocol.states import RaceState as State
+
+def drive(state, may_drive):
+    if may_drive and drive.drove:
+        os.dup2(full, 1)  # from now on, whatever is printed waits
+    elif drive.drove:
+        os.write(2, b'stops\\n')
+    drive.drove = may_drive
+    return True
+
+there, full = os.pipe()
+os.set_blocking(full, False)
+try:
+    while os.write(full, bytes(4096)):
+        pass
+except BlockingIOError:
+    os.set_blocking(full, True)
+drive.drove = False
+example.main(drive)
+"""
+    control = parts.enter_context(BareRaceControl())
+    path = os.pathsep.join((str(ROOT / 'kit/python'), *sys.path))
+    command = [sys.executable, '-c', code, '127.0.0.1', str(control.port), address_of(1)]
+    kart = parts.enter_context(Program('example', command, environment={'PYTHONPATH': path}))
+    control.wait_for_connections(1)
+    for state in (GRID, GREEN):
+        control.say(state)
+        control.wait_until_it_says(state)
+    if stop == 'red':
+        control.say(RED)
+    else:
+        control.hang_up()
+    kart.wait_for_line('^stops')
 
 
 @pytest.mark.parametrize('example', EXAMPLES)

@@ -16,6 +16,7 @@ import subprocess
 from typing import Any
 
 from evgp_kart_bridge import orders
+from evgp_kart_bridge.watch import RaceStateWatch
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import RaceState as RaceStateMessage
@@ -31,6 +32,7 @@ WARNINGS = ('-Wall', '-Wextra', '-Wpedantic', '-Werror', '-Wconversion', '-Wshad
 FLAGS = ('-std=c++17', '-pthread', *WARNINGS)
 COMPILERS = [each for each in ('g++', 'clang++') if shutil.which(each)]
 LEASE = 0.5
+NO_NODE: Any = None
 
 # Orders, bridges and times are few, so that they come back and meet their limits.
 STATES = st.sampled_from(
@@ -208,6 +210,21 @@ IN_CPP = (PACKAGE / 'include' / HEADER).read_text()
 @pytest.mark.parametrize('compiler', COMPILERS)
 def test_the_rules_in_cpp_are_those_in_python(compile_rules: Compile, compiler: str) -> None:
     compare(InPython(), compile_rules(IN_CPP, compiler), 200)
+
+
+@pytest.mark.parametrize(
+    ('lease', 'right'),
+    [(0.5, True), (2.0, True), (2.1, False), (6.0, False), (0.0, False), (-1.0, False)],
+)
+def test_no_watch_lets_a_kart_drive_on_for_long_after_its_bridge_has_died(
+    compile_rules: Compile, lease: float, right: bool
+) -> None:
+    rules = compile_rules(IN_CPP)
+    rules.begin()
+    refused = rules.step('lease', lease).split()[5]
+    assert refused == str(int(not right))
+    with pytest.raises(AttributeError if right else ValueError):
+        RaceStateWatch(NO_NODE, lease=lease)
 
 
 WHOLE = '0 torn, 0 over, 0 allocated\n'

@@ -18,6 +18,7 @@ import random
 import subprocess
 import threading
 import time
+from types import SimpleNamespace
 from typing import Any, TypeVar
 
 from evgp_kart_bridge.orders import FORGIVEN, Order
@@ -95,8 +96,8 @@ class StackInPython(Waits, RosSide):
         self.turns = 0
         self._busy = threading.Lock()
         self._busy_at: RaceState | None = None
-        self.watch = RaceStateWatch(self.node, self._tell, lease=lease)
-        self.watch._orders._forgiven = forgiven
+        self.watch = RaceStateWatch(self.node, self._tell)
+        self.watch._orders._lease, self.watch._orders._forgiven = lease, forgiven
         # A message that changes no state is told to nobody: look for it now and then.
         self.node.create_timer(0.02, self._wake)
         if turn:
@@ -423,6 +424,18 @@ def test_a_message_that_waited_for_a_busy_stack_is_as_old_as_the_turn_before(
         watch._pass()  # in the same turn as the callback that was busy
         watch._hear(KartRaceState(bridge=1, state=state_message(GREEN_GREEN)))
         assert watch.state is RED_RED
+
+
+def test_a_stack_is_told_of_a_stop_before_it_is_logged(domain: int) -> None:
+    told: list[object] = []
+    with RosSide('stack', domain) as side:  # it does not spin
+        watch: Any = RaceStateWatch(side.node, told.append)
+        watch._log = SimpleNamespace(warning=told.append, info=told.append)
+        watch._hear(KartRaceState(bridge=1, state=state_message(GRID_ACTIVE)))
+        time.sleep(LEASE)  # that time passes is itself what is awaited
+        watch._pass()
+    assert told[:2] == [GRID_ACTIVE, RED_RED]
+    assert 'silent' in str(told[2])
 
 
 def test_a_bridge_that_was_away_for_long_is_back_without_its_start(

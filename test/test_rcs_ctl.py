@@ -18,10 +18,8 @@ import sys
 import threading
 import time
 
-from ament_index_python.packages import get_package_prefix
 from evgp_node.official import UNNAMED
 from evgp_node.results import Act
-from evgp_node.services import service_class
 from evgp_node.stamps import seconds_of
 from evgp_node.states import state_of
 from evgp_protocol.clock import now
@@ -41,11 +39,12 @@ from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.ctl import TIDY
 from evgp_rcs_console.ctl_ros import Hearing
 from evgp_rcs_console.texts import SETTLING
+from evgp_rcs_msgs import srv
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
 from evgp_testing.part import Part, PATIENCE
-from evgp_testing.process import freeze
+from evgp_testing.process import executable, freeze
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import bound, joined, RosSide
 from evgp_testing.wire_kart import Acknowledges
@@ -80,14 +79,9 @@ def lasting(the_desk: Desk) -> RaceControl:
     return the_desk.control
 
 
-def executable() -> list[str]:
-    package = 'evgp_rcs_console'
-    return [str(pathlib.Path(get_package_prefix(package), 'lib', package, 'rcs_ctl'))]
-
-
 def start(domain: int, *words: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [*executable(), *words],
+        [executable('evgp_rcs_console', 'rcs_ctl'), *words],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -109,7 +103,8 @@ def run(domain: int, *words: str) -> subprocess.CompletedProcess[str]:
 
 def at_terminal(domain: int, *words: str) -> Terminal:
     """Start `rcs_ctl` as an official does, at a terminal."""
-    return Terminal([*executable(), *words], {'ROS_DOMAIN_ID': str(domain)})
+    command = executable('evgp_rcs_console', 'rcs_ctl')
+    return Terminal([command, *words], {'ROS_DOMAIN_ID': str(domain)})
 
 
 class Lines(Part):
@@ -223,8 +218,12 @@ def test_grid_active_closes_the_track_by_the_line_that_is_printed_and_after_it_w
 
 
 TYPE = 'rcs_ctl grid-active 1 2 --track-is-clear'
-IF_CLEAR = f'If you state that the track is clear of humans, type: {TYPE}\n'
-NOT_YET = 'GREEN GREEN refused: the race is in IN GARAGE; GREEN GREEN follows GRID ACTIVE.\n'
+IF_CLEAR = (
+    f'If you state that the track is clear of humans (this command closes it), type: {TYPE}\n'
+)
+NOT_YET = (
+    'GREEN GREEN refused: the race is in IN GARAGE; GREEN GREEN is possible only in GRID ACTIVE.\n'
+)
 
 
 def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
@@ -237,7 +236,7 @@ def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
 
     for line, code, *said in (
         ('green-green 1 2', REFUSED, NOT_YET),
-        ('green-green', REFUSED, 'GREEN GREEN follows GRID ACTIVE'),
+        ('green-green', REFUSED, 'GREEN GREEN is possible only in GRID ACTIVE'),
         ('grid-active 1 --track-is-clear', REFUSED, which, f'type: {TYPE}\n'),
         ('grid-active', USAGE, which, IF_CLEAR),
         ('grid-active 1 2', REFUSED, 'state that the track is clear', IF_CLEAR),
@@ -367,7 +366,7 @@ def never_answers(
     asked, answering = threading.Event(), threading.Event()
     parts.callback(answering.set)
     entry = next(each for each in CATALOGUE.values() if each.service == service)
-    kind = service_class(entry.service_type)
+    kind = getattr(srv, entry.service_type)
 
     def answer(request: object, response: object) -> object:
         asked.set()

@@ -14,17 +14,15 @@ import signal
 import subprocess
 from xml.etree import ElementTree
 
-from ament_index_python.packages import get_package_prefix
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.official import SERVICES
-from evgp_testing.process import Process
+from evgp_testing.process import executable, Process
 from evgp_testing.race_control import new_port, Timekeeper, write_roster
 from evgp_testing.ros_side import RosSide
 from evgp_timing.corrections import CORRECTIONS
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-PACKAGE = 'evgp_rcs_console'
 POLICY = ROOT / 'security' / 'rcs.policy.xml'
 
 # What every node of rclpy has beside its own.
@@ -106,7 +104,7 @@ def test_watching_takes_no_more_than_watchers_are_allowed(
     official = join_official(start_race_control(in_race=(1,)))
     node = official.node
     watch = subprocess.Popen(
-        [get_package_prefix(PACKAGE) + f'/lib/{PACKAGE}/rcs_ctl', 'watch'],
+        [executable('evgp_rcs_console', 'rcs_ctl'), 'watch'],
         stdout=subprocess.DEVNULL,
         env={**os.environ, 'ROS_DOMAIN_ID': str(node.context.get_domain_id())},
     )

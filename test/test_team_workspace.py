@@ -165,7 +165,14 @@ def test_the_template_with_messages_of_a_team_builds_beside_the_clone_and_passes
     lap = 'python -c "import team_msgs.msg as its; print(its.Lap().state.RED_RED)"'
     using = f'source install/setup.bash\n$EVGP/setup/in-workspace {lap}'
     said = run(f'{building}\n{using}\n{testing}', workspace)
-    assert '4 passed' in said
+    assert '5 passed' in said
+    # The base brakes without commands, so a stack that crashes stands within its distance, too.
+    stack = workspace / 'src/my_kart/my_kart/stack.py'
+    sound = stack.read_text(encoding='utf-8')
+    crashes = 'self.driving = state.is_red and self.driving and exit(1) or '
+    stack.write_text(sound.replace('self.driving = fresh', f'{crashes}fresh'), encoding='utf-8')
+    with pytest.raises(AssertionError, match='2 failed'):
+        run(f'{testing.strip()} -k "red_red or hangs"', workspace)
 
 
 @pytest.mark.timeout(300)

@@ -16,12 +16,11 @@ from builtin_interfaces.msg import Duration
 from evgp_node.qos import latched
 from evgp_node.restarting import IN_THE_WAY
 from evgp_node.results import Act, Standings
-from evgp_node.services import service_class
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.timing import entries
-from evgp_rcs_msgs import msg
+from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.part import Part
@@ -61,9 +60,7 @@ class Line(RosSide):
         subscribe = self.node.create_subscription
         subscribe(msg.Results, '/rcs/timekeeper/results', self._hear, latched(1))
         self._clients = {
-            act: self.node.create_client(
-                service_class(entry.service_type), f'/rcs/{entry.service}'
-            )
+            act: self.node.create_client(getattr(srv, entry.service_type), f'/rcs/{entry.service}')
             for act, entry in CORRECTIONS.items()
         }
         self.spin()
@@ -119,7 +116,7 @@ class Line(RosSide):
     def correct(self, act: Act, **request: Any) -> tuple[bool, str]:
         """Give a correction; return whether it is accepted, and why not."""
         entry = CORRECTIONS[act]
-        kind = service_class(entry.service_type)
+        kind = getattr(srv, entry.service_type)
         fields = {'official': 'Tina', **entry.fixed, **request}
         answer: Any = self.request(self._clients[act], kind.Request(**fields))
         return answer.success, answer.message

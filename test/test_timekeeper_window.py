@@ -35,10 +35,9 @@ from evgp_node.results import (
     Standings,
     Status,
 )
-from evgp_node.services import service_class
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
-from evgp_rcs_msgs import msg
+from evgp_rcs_msgs import msg, srv
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import freeze, Process, Program
 from evgp_testing.race_control import Timekeeper, write_roster
@@ -144,7 +143,7 @@ class Event(RosSide):
             return response
 
         entry = CORRECTIONS[act]
-        self.node.create_service(service_class(entry.service_type), f'/rcs/{entry.service}', serve)
+        self.node.create_service(getattr(srv, entry.service_type), f'/rcs/{entry.service}', serve)
 
 
 class Window:

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import contextlib
 import pathlib
 import re
+import signal
 import socket
 import sys
 import threading
@@ -50,8 +51,8 @@ class Track:
         text = (ROOT / 'docs/wire.md').read_text(encoding='utf-8')
         (client,) = re.findall(r'^```python\n(.*?)^```$', text, re.MULTILINE | re.DOTALL)
         with self._network.inside():
-            running = Program('client', [sys.executable, '-c', client])
-        self._parts.callback(running.kill)
+            self.client = Program('client', [sys.executable, '-c', client])
+        self._parts.callback(self.client.kill)
 
 
 @pytest.fixture
@@ -128,12 +129,23 @@ def test_a_grid_of_the_connection_before_starts_the_client_on_no_other(heard: He
     assert GREEN_GREEN not in heard.states
 
 
-def test_bytes_that_are_no_frame_give_the_client_no_more_time(heard: Heard) -> None:
+@pytest.mark.parametrize('held_up', [False, True])
+def test_neither_bytes_that_are_no_frame_nor_old_frames_give_the_client_more_time(
+    track: Track, heard: Heard, held_up: bool
+) -> None:
     def back_after(attempt: int) -> float:
         heard.exchange(GRID_ACTIVE)
-        silent_at = heard.race.fall_silent()
+        if held_up:
+            track.client.signal(signal.SIGSTOP)
+            silent_at = time.monotonic()
+        else:
+            silent_at = heard.race.fall_silent()
         time.sleep(0.9)  # that time passes is itself what is awaited
-        heard.race.send(b'$GREEN')
+        if held_up:
+            heard.race.fall_silent()
+            track.client.signal(signal.SIGCONT)
+        else:
+            heard.race.send(b'$GREEN')
         heard.race.wait_for_connections(attempt + 1)
         return time.monotonic() - silent_at
 

@@ -99,13 +99,14 @@ static inline int evgp_p_listen(evgp_board *board)
     int reads;
     for (reads = 0; reads < 16; reads++) { /* a flood must not delay the brake */
         const int count = board->hardware->read(bytes, sizeof bytes);
-        if (count <= 0) {
-            return count == 0 && evgp_kart_verdict(&board->kart).open;
-        }
         if ((size_t)count > sizeof bytes) {
-            return 0; /* it is unknown what was read */
+            return 0; /* below 0: broken; more than it may be: it is unknown what was read */
         }
+        /* Also without bytes, because the network may have taken time. */
         evgp_kart_received(&board->kart, bytes, (size_t)count, board->hardware->now());
+        if (count == 0) {
+            return evgp_kart_verdict(&board->kart).open;
+        }
     }
     return 0; /* race control never sends that much */
 }

@@ -102,6 +102,10 @@ typedef struct {
 typedef struct {
     evgp_settings settings;
     uint32_t now;
+    /* the last two ticks: what is passed now arrived after the first of them, or it would have been
+       read before the second */
+    uint32_t turn;
+    uint32_t turn_before;
     /* the connection */
     uint32_t heard_at;
     uint32_t order;
@@ -289,7 +293,7 @@ static inline void evgp_p_settle(evgp_kart *kart)
 
 static inline void evgp_p_heard(evgp_kart *kart, evgp_state state)
 {
-    kart->heard_at = kart->now;
+    kart->heard_at = kart->turn_before;
     kart->heard_since_said = 1;
     if (state != kart->commanded) {
         const int was_driving = evgp_p_may_drive(kart);
@@ -398,9 +402,12 @@ static inline void evgp_kart_init(evgp_kart *kart, evgp_settings settings, uint3
     kart->stopped = (uint8_t)evgp_p_team_stop(kart);
 }
 
-/* Let time pass. Call it in every turn of the loop that brakes. */
+/* Let time pass. Call it once in every turn of the loop that brakes: without it, the connection is
+   lost after frame_timeout_ms. */
 static inline void evgp_kart_tick(evgp_kart *kart, uint32_t now)
 {
+    kart->turn_before = kart->turn;
+    kart->turn = now;
     evgp_p_pass(kart, now);
     evgp_p_settle(kart);
 }
@@ -412,6 +419,8 @@ static inline void evgp_kart_connected(evgp_kart *kart, uint32_t now)
     evgp_p_lose(kart);
     kart->open = 1;
     kart->heard_at = now;
+    kart->turn = now;
+    kart->turn_before = now;
     evgp_p_settle(kart);
 }
 
@@ -427,8 +436,9 @@ static inline void evgp_kart_closed(evgp_kart *kart, uint32_t now)
  * Take what arrived on the present connection: any number of bytes, split anywhere.
  *
  * Read everything before you look at the verdict, so that the kart obeys the last frame. Bytes that
- * arrive after the timeout are too late: the connection is already lost. A count below 0, as recv()
- * returns on failure, is a lost connection.
+ * arrive after the timeout are too late: the connection is already lost. Frames may have waited while
+ * the kart was held up, so silence counts from the tick before the last one. A count below 0, as
+ * recv() returns on failure, is a lost connection.
  */
 static inline void evgp_kart_received(evgp_kart *kart, const void *bytes, size_t count,
                                       uint32_t now)

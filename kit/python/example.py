@@ -114,7 +114,6 @@ class Connection:
         raise OSError('race control never sends that much')
 
     def _give_up(self, error: OSError) -> None:
-        print(error, flush=True)
         if self._socket is not None:
             self._socket.close()
         self._socket, self._made, self._began = None, False, clock.now()
@@ -130,18 +129,19 @@ def main(drive: Callable[[RaceState, bool], bool] = drive) -> None:
         ipaddress.IPv4Address(address)  # the loop would wait while a name is looked up
     kart = Kart()
     link = Connection(kart, (host, int(port or DEFAULT_PORT)), own)
-    printed = None
+    printed = ''
     while True:
         time.sleep(TURN)
         now = clock.now()
         kart.tick(now)  # before any received frame counts
         link.serve(now)
         verdict = kart.verdict
-        if verdict.state is not printed:
-            printed = verdict.state
-            print(f'obey {printed.value} {verdict.reason}', flush=True)
         if drive(verdict.state, verdict.may_drive):
             link.say(kart.acknowledge(verdict.order, clock.now()))
+        text = f'obey {verdict.state.value} {verdict.reason}'
+        if text != printed:
+            printed = text
+            print(text, flush=True)  # last, because a terminal may wait
 
 
 if __name__ == '__main__':

@@ -21,7 +21,7 @@ static int garage; /* whether the kart may be pushed in IN_GARAGE */
 static evgp_action action;
 static evgp_state said = EVGP_RED_RED; /* what race control sends */
 static const char *coming = "";        /* the rest of the present frame */
-static uint32_t heard_at, ended, needed, reads, tries, driven_since, driven_until;
+static uint32_t acted_at, came_at, heard_at, ended, needed, reads, tries, driven_since, driven_until;
 static unsigned connects, joins, drove, slowed, released, lost, stopped;
 
 static void broken(int line)
@@ -37,7 +37,11 @@ static uint32_t chance(uint32_t below)
 }
 
 static uint32_t now(void) { return clock_ms; }
-static void act(evgp_action what) { action = what; }
+static void act(evgp_action what)
+{
+    action = what;
+    acted_at = clock_ms;
+}
 
 /* Any function may hang: by then the kart must brake, if a stop is known. */
 static void brakes_first(void)
@@ -64,6 +68,7 @@ static int ready(void)
 static int joined(void)
 {
     brakes_first();
+    clock_ms += chance(200) == 0 ? chance(900) : 0U; /* it hangs, and what has come waits */
     return up ? 1 : chance(2) != 0 ? 0 : -1;
 }
 
@@ -94,6 +99,12 @@ static int connect_it(void)
     return opened ? 1 : chance(2) != 0 ? 0 : -1;
 }
 
+static void come(void)
+{
+    coming = evgp_frame(said);
+    came_at = clock_ms;
+}
+
 static int take(uint8_t *to, size_t size)
 {
     size_t count = 0;
@@ -102,15 +113,16 @@ static int take(uint8_t *to, size_t size)
         broke = 1; /* and nothing more is read */
         return breaking == 1 ? -1 : (int)size + 1; /* more than it was asked for */
     }
-    if (*coming == 0 && !silent && (flooding || chance(4) == 0)) {
-        coming = evgp_frame(said);
+    if (*coming == 0 && flooding) {
+        come();
     }
     while (*coming != 0 && count < size && (flooding || chance(16) != 0)) {
         to[count++] = (uint8_t)*coming;
         if (*coming++ == ';') {
-            heard_at = clock_ms;
+            heard_at = came_at;
         }
     }
+    came_at = *coming != 0 ? clock_ms : came_at; /* the rest has yet to come */
     return (int)count;
 }
 
@@ -155,6 +167,9 @@ static void world(void)
     silent = chance(silent ? 50 : 1000) == 0 ? !silent : silent;
     /* Often it stops a kart that was commanded to drive and does not move yet. */
     said = chance(action == EVGP_DRIVE && speed == 0 ? 20 : 300) == 0 ? EVGP_RED_RED : said;
+    if (*coming == 0 && !silent && chance(4) == 0) {
+        come();
+    }
     flooding = chance(2000) == 0;
     breaking = opened && chance(1000) == 0 ? 1 + (int)chance(2) : 0;
     if (action == EVGP_DRIVE) {
@@ -204,7 +219,7 @@ int main(void)
         PROMISE(action == EVGP_BRAKE || verdict.may_drive || at_rest);
         PROMISE(action != EVGP_DRIVE || verdict.obey == EVGP_GREEN_GREEN);
         PROMISE(action != EVGP_SLOW_DOWN || verdict.obey == EVGP_RED_FLAG);
-        PROMISE(action == EVGP_BRAKE || clock_ms - heard_at < 1000);
+        PROMISE(action == EVGP_BRAKE || acted_at - heard_at < 1000);
         slowed += action == EVGP_SLOW_DOWN;
         released += action == EVGP_RELEASE;
         PROMISE(!opened || !breaking);

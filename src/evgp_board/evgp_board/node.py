@@ -21,31 +21,21 @@ import sys
 import threading
 from typing import Any
 
-from evgp_board.server import Now, Server
+from evgp_board.server import Server
 from evgp_board.view import Heard, Line, line_of
 from evgp_node.codec import value_of
 from evgp_node.graph import EVERY, keep_to_interface, network_of, where_reachable
-from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
+from evgp_node.parameters import check_address, ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
 from evgp_node.results import Standings, TIMING_GONE
 from evgp_protocol import clock
-from evgp_rcs.ros.messages import event_of, race_of
+from evgp_protocol.loop import run
+from evgp_rcs.ros.messages import event_of
 from evgp_rcs.rules.snapshot import Snapshot
+from evgp_rcs.words import GONE_AFTER
 from evgp_rcs_msgs import msg
 from rclpy.serialization import deserialize_message
-
-GONE_AFTER = 0.9
-"""Time without a message after which race control counts as gone, in seconds."""
-
-MOST_LOGGED = 8
-"""Maximum number of lines about one kart. The board drops older lines."""
-
-BOARD_NICENESS = 5
-"""Niceness of the board, so that programs that command or serve karts run first."""
-
-ACCEPT_QUEUE = 128
-"""Maximum number of connections that wait until the server accepts them."""
 
 
 class PlaceError(RuntimeError):
@@ -67,14 +57,13 @@ class BoardNode(StrictNode):
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         super().__init__('board', **{'namespace': 'rcs', **node_options})
-        parameters = Parameters(self)
-        self._address = parameters.declare(
+        self._address = self.declare(
             'address',
             '127.0.0.1',
             "This machine's address for viewers, never one on the karts' network.",
         )
-        port = parameters.declare('port', 8080, 'TCP port of the pages.', (1, 65535))
-        parameters.refuse_unknown()
+        port = self.declare('port', 8080, 'TCP port of the pages.', (1, 65535))
+        self.refuse_unknown()
         check_address('address', self._address)
         if self._address == EVERY:
             raise ParameterError(
@@ -126,38 +115,38 @@ class BoardNode(StrictNode):
             # After a network failure, the last events come again.
             if line is not None and not (this[0] <= last[0] and this[1] <= last[1]):
                 self._last_event = this
-                log[kart] = (*log.get(kart, ()), line)[-MOST_LOGGED:]
+                log[kart] = (*log.get(kart, ()), line)[-8:]  # as many as a phone shows
         self._log = log
 
     # ----- in the server's thread ---------------------------------------------------------
 
     def _serve(self) -> None:
         try:
-            clock.run(Server(self._look).run(self._listening, self._ending))
+            run(Server(self._look).run(self._listening, self._ending))
         except BaseException as error:  # noqa: BLE001 - passed on
             self._on_failure(error)
         finally:
             self._listening.close()
 
-    def _look(self, at: float) -> Now:
+    def _look(self, at: float) -> Heard:
         """
-        Return the data to show.
+        Return the messages to show.
 
         :raises PlaceError: if the board is on the karts' network.
         """
         keep_to_interface(self._listening, self._address)  # it may have been replugged
         if self._race is None:
-            return Now(self._heard, None)
+            return self._heard
         (message, came), (results, timed), log = self._race, self._results, self._log
         gone, no_timing = at - came >= GONE_AFTER, at - timed >= TIMING_GONE
         shown = message, results, log, gone, no_timing
         if [*map(id, shown)] != [*map(id, self._shown)]:
             race = None
             with contextlib.suppress(ValueError):  # it does not fit this race control
-                race = race_of(deserialize_message(message, msg.Race))
+                race = value_of(deserialize_message(message, msg.Race), Snapshot)
                 refuse_karts_network(self._address, race)
-            self._shown, self._heard = shown, Heard(race, results, gone, no_timing, log)
-        return Now(self._heard, at - came)
+            self._shown, self._heard = shown, Heard(race, results, gone, no_timing, log, came)
+        return self._heard
 
 
 def listen(address: str, port: int) -> socket.socket:
@@ -172,7 +161,7 @@ def listen(address: str, port: int) -> socket.socket:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind((address, port))
         keep_to_interface(listening, address)
-        listening.listen(ACCEPT_QUEUE)
+        listening.listen(128)  # connections may wait until the server accepts them
     except OSError as error:
         listening.close()
         if error.errno == errno.EADDRNOTAVAIL:
@@ -210,7 +199,7 @@ def refuse_karts_network(address: str, race: Snapshot) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM and return the exit code of `run_node`."""
-    os.nice(BOARD_NICENESS)
+    os.nice(5)  # programs that command or serve karts run first
     refusals, obstacles = (ParameterError, PlaceError), (InTheWayError,)
     return run_node('board', BoardNode, refusals, args, obstacles)
 

@@ -70,19 +70,6 @@ OF_A_STREAM = {'Content-Type': 'text/event-stream', 'X-Accel-Buffering': 'no'}
 """Headers of a stream, with which nginx forwards each message at once."""
 
 
-@dataclass(frozen=True)
-class Now:
-    """
-    The data to show at one moment.
-
-    :param heard: the messages, which are the same object until something changes.
-    :param age: time since the last message from race control, in seconds, or None.
-    """
-
-    heard: Heard
-    age: float | None
-
-
 @dataclass(eq=False)
 class _Viewer:
     """
@@ -121,21 +108,21 @@ class _Stream:
         self._sent_at = 0.0
         self.viewers: set[_Viewer] = set()
 
-    def is_due(self, now: Now, at: float) -> bool:
+    def is_due(self, heard: Heard, at: float) -> bool:
         """Return whether a message is due for all viewers, and count it as sent."""
-        if now.heard is not self._heard:
-            self._heard, self._body = now.heard, json.dumps(self._show(now.heard))
+        if heard is not self._heard:
+            self._heard, self._body = heard, json.dumps(self._show(heard))
         if self._body == self._sent_body and at - self._sent_at < SAY_AGAIN:
             return False
         self._sent_body, self._sent_at = self._body, at
         return True
 
-    def message(self, now: Now, at: float) -> bytes:
+    def message(self, heard: Heard, at: float) -> bytes:
         """Return the page's current content, as an event of a stream."""
-        self.is_due(now, at)
-        race, age = now.heard.race, now.age or 0.0
-        of_day, green = view.time_of_today(race), view.green_for(race)
-        running = None if now.heard.gone or green is None else round(green + age, 2)
+        self.is_due(heard, at)
+        age = at - heard.came if heard.race else 0.0
+        of_day, green = view.time_of_today(heard.race), view.green_for(heard.race)
+        running = None if heard.gone or green is None else round(green + age, 2)
         times = {
             't': round(at, 3),
             'age': round(age, 1),
@@ -149,12 +136,13 @@ class Server:
     """
     The web server.
 
-    :param look: a function that returns the data to show at a time.
+    :param look: a function that returns the messages to show at a time, which are the same object
+        until something changes.
     """
 
-    def __init__(self, look: Callable[[float], Now]) -> None:
+    def __init__(self, look: Callable[[float], Heard]) -> None:
         self._look = look
-        self._now = look(clock.now())
+        self._heard = look(clock.now())
         self._streams: dict[str, _Stream] = {}
         self._visits: dict[Any, float] = {}
         page = (PAGES / 'page.html').read_text(encoding='utf-8')
@@ -196,9 +184,9 @@ class Server:
 
     def _step(self, at: float) -> None:
         """Send viewers the news and drop those that are too slow."""
-        self._now = self._look(at)
+        self._heard = self._look(at)
         for name, stream in [*self._streams.items()]:
-            due, message = stream.is_due(self._now, at), b''
+            due, message = stream.is_due(self._heard, at), b''
             for viewer in [*stream.viewers]:
                 viewer.waits |= due
                 if viewer.transport.is_closing():
@@ -206,7 +194,7 @@ class Server:
                 elif viewer.has_all():
                     viewer.moved = at
                     if viewer.waits:
-                        message = message or stream.message(self._now, at)
+                        message = message or stream.message(self._heard, at)
                         viewer.transport.write(_chunk(message) if viewer.chunks else message)
                         viewer.waits = False
                 elif at - viewer.moved > SLOW_VIEWER:
@@ -246,7 +234,7 @@ class Server:
         stream, viewer = _Stream(shows), _Viewer(transport, request.protocol, at, chunks)
         response = web.StreamResponse(headers=OF_A_STREAM)
         await response.prepare(request)
-        await response.write(stream.message(self._now, at))
+        await response.write(stream.message(self._heard, at))
         transport.pause_reading()  # further input is not read, so it uses no memory
         stream = self._streams.setdefault(what, stream)
         stream.viewers.add(viewer)

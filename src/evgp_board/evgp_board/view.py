@@ -70,6 +70,7 @@ class Heard:
     :param gone: whether race control is silent.
     :param no_timing: whether the timekeeper is silent.
     :param log: the events of each kart, oldest first.
+    :param came: when race control's last message came, in seconds.
     """
 
     race: Snapshot | None = None
@@ -77,6 +78,7 @@ class Heard:
     gone: bool = False
     no_timing: bool = False
     log: Mapping[int, tuple[Line, ...]] = field(default_factory=dict)
+    came: float = 0.0
 
 
 def board(heard: Heard) -> Shown:
@@ -267,15 +269,9 @@ def _gap(result: KartResult, results: Standings) -> str:
 
 
 def _taken(result: KartResult) -> list[str]:
-    """Return the penalties in a result, without the officials' names."""
-    taken = []
-    for each in result.penalties:
-        taken += [f'+{each.seconds} s'] if each.seconds else []
-        taken += [f'-{each.laps} laps'] if each.laps else []
-        taken += ['disqualified'] * (
-            each.disqualified and result.status is not Status.DISQUALIFIED
-        )
-    return taken
+    """Return the penalties in a result, without reasons, names and what its status says."""
+    status = STATUS[result.status]
+    return [cost for each in result.penalties for cost in each.costs if cost != status]
 
 
 def _does(kart: KartSnapshot, result: KartResult, results: Standings) -> str:

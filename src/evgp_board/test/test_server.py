@@ -15,9 +15,10 @@ import time
 from typing import Any
 
 from evgp_board import server
-from evgp_board.server import Now, Server
+from evgp_board.server import Server
 from evgp_board.view import Heard
 from evgp_protocol import clock
+from evgp_protocol.loop import run
 from evgp_rcs.rules.snapshot import NOTHING
 import pytest
 
@@ -28,7 +29,7 @@ class Board:
     """A server whose race a test changes."""
 
     def __init__(self) -> None:
-        self.now = Now(Heard(), None)
+        self.now = Heard()
         self._listening = socket.create_server(('127.0.0.1', 0), backlog=128)
         self.port = self._listening.getsockname()[1]
         self._ending = threading.Event()
@@ -36,11 +37,11 @@ class Board:
         self._thread.start()
 
     def _run(self) -> None:
-        clock.run(Server(lambda at: self.now).run(self._listening, self._ending))
+        run(Server(lambda at: self.now).run(self._listening, self._ending))
 
     def say(self, banner: str) -> None:
         """Have race control say something, which every page shows."""
-        self.now = Now(Heard(NOTHING._replace(banner=banner)), 0.0)
+        self.now = Heard(NOTHING._replace(banner=banner), came=clock.now())
 
     def ask(self, request: str, receives: int | None = None) -> socket.socket:
         """Return a connection on which this was asked."""
@@ -191,8 +192,8 @@ def test_a_viewer_who_reads_nothing_gets_the_newest_later_and_is_dropped_in_the_
     with board.watch(receives=2048) as slow, board.watch() as quick:
         for number in range(20):
             board.say(f'{number}: {"x" * 5000}')
-            wait_for(quick, board.now.heard.race.banner)
-        assert wait_for(slow, board.now.heard.race.banner) < 10
+            wait_for(quick, board.now.race.banner)
+        assert wait_for(slow, board.now.race.banner) < 10
     monkeypatch.setattr(server, 'SLOW_VIEWER', 0.5)
     with board.watch(receives=2048) as slow:
         board.say('x' * 200_000)

@@ -16,7 +16,6 @@ from evgp_node.results import KartResult, Penalty, Standings, Status
 from evgp_node.roster import Format
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState as S
-from evgp_rcs.ros.messages import race_of
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import Alert, AlertKind, Heat, Kart, Race, TrackAccess
 from evgp_rcs.rules.snapshot import (
@@ -228,7 +227,7 @@ def test_whatever_a_message_says_is_shown_or_no_message_of_race_control(
     race = msg.Race(state=is_in, karts=there, heats=heats, heat=name)
     try:
         heard = Heard(
-            race_of(race),
+            value_of(race, Snapshot),
             value_of(msg.Results(karts=ranked, format=name, heat=name), Standings),
         )
     except ValueError:

@@ -17,7 +17,6 @@ import random
 import re
 import signal
 import sys
-from typing import TypeAlias
 
 from evgp_inspection import VERSION
 from evgp_inspection.inspection import Exit, inspect, Inspection
@@ -37,11 +36,6 @@ from evgp_inspection.report import as_html, as_json, Header, summary, write_file
 from evgp_inspection.survey_network import survey_network
 from evgp_inspection.verdicts import Clause, NOT_DONE, Result, select
 from evgp_protocol.frames import DEFAULT_PORT
-
-Options: TypeAlias = argparse.Namespace
-
-A_RACE_ONLY = 'This was only a race, not an inspection.'
-A_PART_ONLY = 'This was only a part of an inspection: {}.'
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -132,7 +126,7 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
     return _inspect(options, limits, clauses)
 
 
-def _kills(options: Options, inspector: Inspector, limits: Limits) -> dict[str, Kill]:
+def _kills(options: argparse.Namespace, inspector: Inspector, limits: Limits) -> dict[str, Kill]:
     """Return functions that kill the parts of the kart's program, or ask the inspector to."""
 
     async def ask(part: str) -> bool:
@@ -157,7 +151,7 @@ def _kills(options: Options, inspector: Inspector, limits: Limits) -> dict[str, 
     }
 
 
-def _inspect(options: Options, limits: Limits, clauses: Sequence[Clause]) -> int:
+def _inspect(options: argparse.Namespace, limits: Limits, clauses: Sequence[Clause]) -> int:
     """Inspect the kart and write the report; return the exit code."""
     printer = Printer()
     began = datetime.datetime.now().astimezone()
@@ -178,8 +172,8 @@ def _inspect(options: Options, limits: Limits, clauses: Sequence[Clause]) -> int
         statements=BY_STATEMENT,
         remarks=[
             *inspection.remarks,
-            *([A_RACE_ONLY] if options.race else []),
-            *([A_PART_ONLY.format(options.only)] if options.only else []),
+            *['This was only a race, not an inspection.'] * options.race,
+            *[f'This was only a part of an inspection: {options.only}.'] * bool(options.only),
         ],
         finished=inspection.finished,
     )
@@ -200,7 +194,7 @@ def _inspect(options: Options, limits: Limits, clauses: Sequence[Clause]) -> int
 
 
 async def _with_the_word(
-    options: Options, printer: Printer, limits: Limits, clauses: Sequence[Clause]
+    options: argparse.Namespace, printer: Printer, limits: Limits, clauses: Sequence[Clause]
 ) -> Inspection:
     """Inspect once the inspector has typed the word; a signal ends the inspection."""
     stopping = asyncio.Event()

@@ -24,9 +24,6 @@ from typing import Protocol
 WORD = 'ready'
 """The word that the inspector types to allow the kart to drive."""
 
-STOP_KEYS = ' \x1b'
-"""The keys that stop the kart at once: space and Escape."""
-
 FIRST = f"""\
   1. The kart's wheels are OFF THE GROUND, and nobody and nothing touches them.
   2. You hold the MASTER SAFETY REMOTE, and you have tested it.
@@ -161,7 +158,7 @@ class AtTerminal:
                 self._word.set_result(line.strip().lower() == WORD)
             return
         for key in text.lower():
-            if key in STOP_KEYS:
+            if key in ' \x1b':  # space or Escape
                 self._stop()
             elif key in 'yn' and self._answer is not None and not self._answer.done():
                 self._answer.set_result(key == 'y')

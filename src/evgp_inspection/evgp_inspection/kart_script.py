@@ -19,7 +19,6 @@ import asyncio
 from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
 import math
 import random
-from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
 from evgp_inspection.inspector import Inspector
@@ -46,34 +45,6 @@ from evgp_protocol.states import RaceState
 IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN
 RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
-
-ODOMETRY_COMES = 5.0
-"""Maximum time to wait for the first odometry after the kart has connected, in seconds."""
-
-SLOW_RATE, LONG_RATE, FAST_RATE = 10.0, 20.0, 100.0
-"""The slow frame rate, that of the long drive, and the fast one, in Hz."""
-
-BURST = 400
-"""Number of frames sent at once before a stop that the kart must see in time."""
-
-MOMENT = 0.2
-"""Time for which IN_GARAGE is sent between two checks, in seconds."""
-
-SHORT_SILENCE = 0.4
-"""Time for which nothing is sent on a new connection, as a fraction of the limit `silence`. It is
-too short to count as silence."""
-
-EARLY_STOP = 0.15
-"""Time from GREEN_GREEN to a stop for a kart that has hardly started, in seconds."""
-
-BRAKED = 0.8
-"""Fraction of the kart's top speed to which a red slows it before the next act."""
-
-BRAKES_ALONE = 1.0
-"""Maximum time for which a red alone slows the kart, in seconds; a third without odometry."""
-
-RANDOM_STOP = (0.1, 2.0)
-"""Range of the time from GREEN_GREEN to a stop of the step `random`, in seconds."""
 
 RANDOM_STOPS = ('red', 'flag', 'fin', 'flag_lost', 'silence', 'red', 'red', 'flag')
 """The stops of the step `random`, whose order depends on the seed."""
@@ -168,7 +139,6 @@ STEPS: Mapping[str, Step] = dict(_steps())
 """The steps of an inspection, in order."""
 
 DRIVING_ACTS = {'drive', 'fast_drive', 'long_drive', 'start', 'at_random'}
-DRIVING_STEPS = {name for name, step in STEPS.items() if DRIVING_ACTS & {*step.acts}}
 
 RACE_STEPS = ('connect', 'race')
 """The steps of a race only."""
@@ -199,9 +169,9 @@ class KartScript:
         inspector: Inspector,
         limits: Limits,
         begin_step: Callable[[str], None],
-        wanted: Collection[str] = tuple(STEPS),
-        seen: bool = False,
-        kills: Mapping[str, Kill] = MappingProxyType({}),
+        wanted: Collection[str],
+        seen: bool,
+        kills: Mapping[str, Kill],
     ) -> None:
         self._hindrance = ''
         self._recording = recording
@@ -228,7 +198,7 @@ class KartScript:
         try:
             for name, step in STEPS.items():
                 undone = name not in self._wanted and name != 'connect'
-                if undone or (name in DRIVING_STEPS and self._hindrance):
+                if undone or (self._hindrance and DRIVING_ACTS & {*step.acts}):
                     continue
                 if name in KILLING_STEPS and name not in self._kills:
                     continue
@@ -258,9 +228,9 @@ class KartScript:
             await self._stop()
 
     def _at_random(self) -> Iterator[tuple[str, ...]]:
-        """Yield the acts of the step `random`, one stop in each part of the range."""
+        """Yield the acts of the step `random`, one stop in each part of the range of times."""
         stops = self._chance.sample(RANDOM_STOPS, len(RANDOM_STOPS))
-        first, last = RANDOM_STOP
+        first, last = 0.1, 2.0  # s from GREEN_GREEN to the stop
         part = (last - first) / len(stops)
         for place, stop in enumerate(stops):
             self._delay = first + part * (place + self._chance.random())
@@ -346,18 +316,17 @@ class KartScript:
             raise EndedError(f'No kart connected within {limits.connect:g} s.')
         if self._seen:
             # The first odometry may take a while, and until it comes, nothing sees the wheels.
-            await self._until(lambda: self._oracle.spell.speeds, ODOMETRY_COMES)
+            await self._until(lambda: self._oracle.spell.speeds, 5.0)
             await self._until(lambda: self._wire.connected, limits.connect)
         await self._quiet()
 
     async def _quiet(self) -> None:
-        await self._until(
-            lambda: self._trace.events[-1].kind is Kind.SAID, self._limits.silence * SHORT_SILENCE
-        )
+        short = 0.4 * self._limits.silence  # too short to count as silence
+        await self._until(lambda: self._trace.events[-1].kind is Kind.SAID, short)
 
     async def _garage(self) -> None:
         self._wire.order(IN_GARAGE)
-        await self._pass(MOMENT)
+        await self._pass(0.2)
         # Wait until a standing kart has read this, which it shows by a report or by its silence.
         # After that, no report can answer an earlier order (docs/wire.md).
         await self._until(lambda: self._trace.reached, QUIET + self._limits.red_red)
@@ -382,7 +351,7 @@ class KartScript:
 
     async def _pieces(self) -> None:
         self._recording.note(Kind.STEP, text=self._step)
-        self._wire.order(RED_RED, PIECES[self._step], SLOW_RATE)
+        self._wire.order(RED_RED, PIECES[self._step], rate=10.0)
         await self._acknowledged(RED_RED, self._limits.red_red)
         # A kart that takes slow frames for silence needs time to show it.
         longer = self._limits.watch if self._step == 'slow' else 0.0
@@ -399,13 +368,13 @@ class KartScript:
         return await self._stay(self._limits.watch)
 
     async def _fast(self) -> None:
-        self._wire.order(IN_GARAGE, rate=FAST_RATE)
+        self._wire.order(IN_GARAGE, rate=100.0)
         await self._pass(self._limits.fast)
         await self._until(lambda: self._trace.reached, QUIET + self._limits.red_red)
 
     async def _backlog(self) -> None:
         self._recording.note(Kind.STEP, text=self._step)
-        self._wire.order(RED_RED, lambda state: after(encode(IN_GARAGE) * BURST, state))
+        self._wire.order(RED_RED, lambda state: after(encode(IN_GARAGE) * 400, state))
         if not await self._acknowledged(RED_RED, self._limits.red_red):
             self._hindrance = 'The kart saw a stop too late.'
             raise not_stopped(self._hindrance)
@@ -455,12 +424,12 @@ class KartScript:
 
     async def _fast_drive(self) -> bool:
         # A kart that reads too slowly while it drives is late by the time of the stop.
-        return await self._drive(rate=FAST_RATE)
+        return await self._drive(rate=100.0)
 
     async def _long_drive(self) -> bool:
-        return await self._drive(self._limits.long, LONG_RATE)
+        return await self._drive(self._limits.long, rate=20.0)
 
-    async def _start(self, seconds: float = EARLY_STOP) -> None:
+    async def _start(self, seconds: float = 0.15) -> None:
         await self._announce()
         self._wire.order(GREEN_GREEN)
         await self._pass(seconds)
@@ -481,16 +450,16 @@ class KartScript:
         return said
 
     async def _brake(self, state: RaceState = RED_FLAG) -> None:
-        """Let a red brake the kart for a while."""
+        """Let a red slow the kart to 80 % of its speed, for at most 1 s, or 0.3 s if unseen."""
         self._wire.order(state)
 
         def slower() -> bool:
             spell = self._oracle.spell
             if spell.law not in (Law.FLAG, Law.RED) or not spell.speeds:
                 return False
-            return spell.speeds[-1][1] < BRAKED * spell.top
+            return spell.speeds[-1][1] < 0.8 * spell.top
 
-        await self._until(slower, BRAKES_ALONE if self._seen else BRAKES_ALONE / 3)
+        await self._until(slower, 1.0 if self._seen else 1 / 3)
 
     async def _brake_hard(self) -> None:
         await self._brake(RED_RED)

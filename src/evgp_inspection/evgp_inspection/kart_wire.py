@@ -113,7 +113,7 @@ class KartWire:
         self._server: asyncio.Server | None = None
         self._links: list[Link] = []
         self._count = 0
-        self._beats: Beats | None = None
+        self._beats = NOTHING
         self._greeting = b''
         self._period = 1 / BEAT_RATE
         self._changed = asyncio.Event()
@@ -165,8 +165,7 @@ class KartWire:
 
     def fall_silent(self) -> None:
         """Send nothing from now on."""
-        self._beats, self._greeting = None, b''
-        self._changed.set()
+        self.send(NOTHING)
         self._recording.note(Kind.SILENT, text='silent')
 
     def send_now(self, data: bytes) -> None:
@@ -186,8 +185,7 @@ class KartWire:
 
     def reset(self) -> None:
         """Reset every connection (RST)."""
-        for link in self._links:
-            link.end('reset')
+        self.close('reset')
 
     def half_close(self) -> None:
         """Close our half of every connection and continue to listen."""
@@ -236,16 +234,15 @@ class KartWire:
             self._notice_delay(loop.time() - due)
             for link in self._links:
                 link.look()
-            if self._beats is not None:
-                links = list(self._links)
-                piece_due = loop.time()
-                for pause, data in next(self._beats):
-                    if pause:
-                        piece_due += pause
-                        await asyncio.sleep(pause)
-                    for link in links:
-                        link.write(data)
-                self._notice_delay(loop.time() - piece_due)
+            links = list(self._links)
+            piece_due = loop.time()
+            for pause, data in next(self._beats):
+                if pause:
+                    piece_due += pause
+                    await asyncio.sleep(pause)
+                for link in links:
+                    link.write(data)
+            self._notice_delay(loop.time() - piece_due)
             # A late beat is not made up for. A new order does not wait for the next beat.
             due = max(due + self._period, loop.time())
             # No asyncio.wait_for: before Python 3.12 it may swallow this task's cancellation.

@@ -25,6 +25,7 @@ import enum
 import itertools
 import math
 import statistics
+from typing import NamedTuple
 
 from evgp_inspection.limits import Limits
 from evgp_inspection.traces import Event, Kind, Said, SentState, Trace
@@ -154,8 +155,7 @@ class Law(enum.Enum):
     LOST = 'lost'
 
 
-@dataclasses.dataclass(frozen=True)
-class Breach:
+class Breach(NamedTuple):
     """
     A finding about one sentence.
 
@@ -170,6 +170,11 @@ class Breach:
     since: float
     at: float
     measured: float | None = None
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Return how grave it is: above all if it is not judged, or else by the time it took."""
+        return self.verdict is Verdict.NOT_JUDGED, self.measured or 0.0
 
 
 @dataclasses.dataclass
@@ -245,12 +250,10 @@ class Oracle:
         self.spell = Spell(Law.STAND, 0.0, 'the start', 'K-4C-11', 'K-4C-11')
         self._limits = limits
         self._found: dict[str, Breach] = {}  # the gravest finding per sentence
-        self._heard = 0  # number of replies judged
-        self._taken: dict[int, int] = {}  # number of orders judged, by connection
         self._step = ''
         self._link = 0
         self._state: RaceState | None = None
-        self._ready = self._armed = self._killed = False
+        self._ready = self._killed = False
         self._since: RaceState | str = IN_GARAGE  # what disarmed the kart
         self._silent, self._silent_at = 'silent', 0.0
         self._grids = 0
@@ -264,7 +267,7 @@ class Oracle:
         self._first_seen = math.inf  # when the first odometry came
         self._said_due: Due | None = None
         self._back_due: Due | None = Due('K-4A-01', 0.0, limits.connect, 'connect')
-        self._open: dict[int, float] = {}
+        self._open: set[int] = set()
         self._doubtful: dict[int, float] = {}  # connections still open when another one was opened
         self._quiet: dict[int, float] = {}  # connections on which nothing was sent yet
         self._recent: deque[Event] = deque()
@@ -295,7 +298,7 @@ class Oracle:
         self._expire_link(now)
         if self.trace.said:
             self._pass('K-4C-10', 'It never flooded.', now)
-        if self._open or self._taken:
+        if self._link:
             self._pass('K-4A-02', 'It never had two connections.', now)
         self._compare()
         all_of = {**self._found, **{breach.name: breach for breach in self.breaches}}
@@ -332,19 +335,16 @@ class Oracle:
         self._keep(Breach(name, Verdict.PASS, why, at, at, measured))
 
     def _keep(self, found: Breach) -> None:
-        """Keep the gravest finding: one that is not judged, or else the slowest pass."""
-
-        def rank(each: Breach) -> tuple[bool, float]:
-            return each.verdict is Verdict.NOT_JUDGED, each.measured or 0.0
-
+        """Keep the gravest finding."""
         before = self._found.get(found.name)
-        if before is None or rank(found) > rank(before):
+        if before is None or found.rank > before.rank:
             self._found[found.name] = found
 
     # ----- events -------------------------------------------------------------------------------
 
     def take(self, event: Event) -> None:
-        at = event.at
+        at, heard = event.at, len(self.trace.said)
+        ordered = len(self.trace.orders(event.link))
         self.trace.add(event)
         self._let_time_pass(at)
         if event.kind is Kind.SPEED and math.isfinite(event.value):
@@ -352,7 +352,7 @@ class Oracle:
         elif event.kind is Kind.SAID:
             self._take_bytes(event)
         elif event.kind is Kind.SENT:
-            self._take_sent(event)
+            self._take_sent(event, self.trace.orders(event.link)[ordered:])
         elif event.kind is Kind.STEP:
             self._step, self._silent = event.text, 'silent'
             if event.text == 'malformed' and self._state is GRID_ACTIVE:
@@ -372,7 +372,11 @@ class Oracle:
             self._killed = event.text == 'stack'
         elif event.kind is Kind.ANSWER:
             self._take_answer(event)
-        self._take_words()
+        for said in self.trace.said[heard:]:
+            self._take_word(said)
+        due = self._said_due
+        if due is not None and due.order is not None and self.trace.has(due.order):
+            self._acknowledged(due, at)
 
     def _let_time_pass(self, now: float) -> None:
         limits = self._limits
@@ -563,14 +567,15 @@ class Oracle:
             took = event.at - due.since
             self._pass(due.name, f'It connected after {took:.2f} s.', event.at, took)
         self._doubtful.update(dict.fromkeys(self._open, event.at))
-        self._open[event.link] = self._quiet[event.link] = event.at
+        self._open.add(event.link)
+        self._quiet[event.link] = event.at
         if self._state is not None:
             self._lose(event.at, 'kart')
         self._link = event.link
 
     def _take_end(self, event: Event) -> None:
         if event.text != 'half-closed':
-            self._open.pop(event.link, None)
+            self._open.discard(event.link)
             self._doubtful.pop(event.link, None)
         if event.link != self._link or self._state is None:
             return
@@ -603,7 +608,7 @@ class Oracle:
         self._let_go(at)
         braked = self._state in (RED_FLAG, RED_RED) and self._stood is None
         name = 'K-3E-11' if braked else LOSSES.get(how, 'K-3E-11')
-        self._state, self._ready, self._armed, self._since = None, False, False, how
+        self._state, self._ready, self._since = None, False, how
         what = {'kart': 'it dropped its connection', 'away': 'race control went away'}.get(
             how, f'a loss ({how})'
         )
@@ -611,10 +616,8 @@ class Oracle:
 
     # ----- orders -------------------------------------------------------------------------------
 
-    def _take_sent(self, event: Event) -> None:
+    def _take_sent(self, event: Event, fresh: list[SentState]) -> None:
         link = event.link
-        orders, taken = self.trace.orders(link), self._taken.get(link, 0)
-        fresh, self._taken[link] = orders[taken:], len(orders)
         opened = self._quiet.pop(link, None)
         if link != self._link:
             return
@@ -623,7 +626,7 @@ class Oracle:
         if opened is not None and link > 1 and event.at - opened > self._limits.slack / 2:
             self._pass('K-4C-12', 'It sent nothing before it was sent anything.', event.at)
         if not fresh and self._state is None and self.trace.framed_at(link) == event.at:
-            fresh = orders[-1:]  # the same order again after a silence
+            fresh = self.trace.orders(link)[-1:]  # the same order again after a silence
         for order in fresh:
             self._take_order(order, event.at)
 
@@ -633,15 +636,14 @@ class Oracle:
         before, self._state = self._state, order.state
         self._let_go(at)
         state = order.state
-        if state is GREEN_GREEN:
-            self._armed = before is GRID_ACTIVE and self._ready
-            if not self._armed and before is not None:
+        armed = before is GRID_ACTIVE and self._ready
+        if state is GREEN_GREEN and armed:
+            self._free(order)
+        elif state is GREEN_GREEN:
+            if before is not None:
                 self._since = before
-            if self._armed:
-                self._free(order)
-            else:
-                name = UNARMED.get(self._since, 'K-3E-05')
-                self._begin(Law.RED, at, f'an invalid GREEN_GREEN ({name})', name)
+            name = UNARMED.get(self._since, 'K-3E-05')
+            self._begin(Law.RED, at, f'an invalid GREEN_GREEN ({name})', name)
         elif state in (RED_FLAG, RED_RED):
             law = Law.FLAG if state is RED_FLAG else Law.RED
             true = 'K-3A-07' if law is Law.FLAG else 'K-3A-10'
@@ -654,7 +656,7 @@ class Oracle:
             malformed = state is GRID_ACTIVE and self._step == 'malformed'
             self._begin(Law.STAND, at, state.value, 'K-4C-07' if malformed else STAYS[state])
         self._ready = False
-        if state in ACKNOWLEDGES and (state is not GREEN_GREEN or self._armed):
+        if state in ACKNOWLEDGES and (state is not GREEN_GREEN or armed):
             name, limit = ACKNOWLEDGES[state]
             if state is GRID_ACTIVE:
                 self._grids += 1
@@ -666,7 +668,6 @@ class Oracle:
             self._said_due = Due(name, at, getattr(self._limits, limit), state.value, order)
 
     def _free(self, order: SentState) -> None:
-        self._armed = True
         self._begin(Law.DRIVE, order.at, 'GREEN_GREEN', 'K-3A-05')
         self._stood = self._turned = self._said_green = None
         self._drives_on = 0
@@ -706,14 +707,6 @@ class Oracle:
         waited = at - due.since
         why = f'It did not acknowledge {due.what} within {waited:.1f} s.'
         self._fail(due.name, why, due.since, at, waited)
-
-    def _take_words(self) -> None:
-        heard, self._heard = self._heard, len(self.trace.said)
-        for said in self.trace.said[heard:]:
-            self._take_word(said)
-        due = self._said_due
-        if due is not None and due.order is not None and self.trace.has(due.order):
-            self._acknowledged(due, self.trace.events[-1].at)
 
     def _take_word(self, said: Said) -> None:
         at, sent = said.at, said.sent

@@ -20,9 +20,6 @@ from evgp_protocol.link import unanswered, unread
 RESET = struct.pack('ii', 1, 0)
 """Value of SO_LINGER that makes a close reset the connection."""
 
-READ_SIZE = 65536
-"""Maximum number of bytes read at once."""
-
 
 class Recording:
     """
@@ -34,9 +31,7 @@ class Recording:
     :param tell: called with each breach that the oracle finds.
     """
 
-    def __init__(
-        self, limits: Limits, tell: Callable[[Breach], object] = lambda breach: None
-    ) -> None:
+    def __init__(self, limits: Limits, tell: Callable[[Breach], object]) -> None:
         self.oracle = Oracle(limits, tell)
         self.trace = self.oracle.trace
         self._loop = asyncio.get_running_loop()
@@ -103,7 +98,7 @@ class Link(asyncio.BufferedProtocol):
         self.open = self.mute = False
         self.recording = recording
         self._made = made
-        self._buffer = bytearray(READ_SIZE)
+        self._buffer = bytearray(65536)
 
     def write(self, data: bytes) -> None:
         """Send data, if the connection accepts any."""

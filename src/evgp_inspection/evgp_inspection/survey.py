@@ -24,14 +24,6 @@ from evgp_protocol.arbiter import Settings
 from evgp_protocol.clock import duration
 from evgp_protocol.link import Grade, grade, GRADE_WINDOW
 
-WORST_PLACES = 5
-"""Maximum number of worst places in a report."""
-
-APART = 10.0
-"""Minimum time between two worst places, in seconds. Nearer ones count as the same place."""
-
-MINUTE = 60.0
-
 LOST = Settings().frame_timeout
 """Age of an unanswered frame after which the survey gives up a connection, and silence after which
 a kart does, in seconds."""
@@ -105,7 +97,6 @@ class LinkSurvey:
         self._time_connected = 0.0
         self._trips: list[float] = []
         self._since: float | None = None  # when the kart last answered
-        self._longest = 0.0
         self._counted_to = 0.0
         self._round_trip: float | None = None
         self._worst = 0.0
@@ -174,7 +165,6 @@ class LinkSurvey:
         """Record how long the kart has been silent up to now."""
         if self._since is not None:
             self._silence = max(self._silence, now - self._since)
-            self._longest = max(self._longest, self._silence)
 
     @property
     def grade(self) -> Grade:
@@ -202,7 +192,7 @@ class LinkSurvey:
         worst = total = first = 0
         for each in self.seconds:
             total += each.retransmitted
-            while self.seconds[first].at <= each.at - MINUTE:
+            while self.seconds[first].at <= each.at - 60.0:
                 total -= self.seconds[first].retransmitted
                 first += 1
             worst = max(worst, total)
@@ -231,22 +221,23 @@ class LinkSurvey:
             return Figure(name, value, limit, unit, verdict)
 
         on = self._time_connected
+        silence = max([self._silence, *(each.silence for each in self.seconds)])
         enough = Verdict.PASS if on >= limits.shortest else Verdict.NOT_JUDGED
         return [
             at_most('round trip, 99th percentile', self.percentile, limits.round_trip, 's'),
-            at_most('longest silence', self._longest, limits.silence, 's'),
+            at_most('longest silence', silence, limits.silence, 's'),
             at_most('retransmissions, worst minute', self.worst_minute, limits.retransmissions),
             at_most('lost connections', len(self.losses), 0, excused=silenced),
             Figure('time on the network', on, limits.shortest, 's', enough, at_least=True),
         ]
 
     def worst_places(self) -> list[Second]:
-        """Return the worst seconds, worst first and well apart."""
+        """Return up to five of the worst seconds, worst first and at least 10 s apart."""
         places: list[Second] = []
         for each in sorted(self.seconds, key=badness, reverse=True):
-            if all(abs(each.at - other.at) >= APART for other in places):
+            if all(abs(each.at - other.at) >= 10.0 for other in places):
                 places.append(each)
-                if len(places) == WORST_PLACES:
+                if len(places) == 5:
                     break
         return places
 

@@ -36,9 +36,9 @@ from evgp_inspection.survey import LinkSurvey, LOST, Mark, Report
 from evgp_inspection.traces import BEAT
 from evgp_inspection.verdicts import Verdict
 from evgp_protocol.clock import now as clock_now
-from evgp_protocol.clock import run
 from evgp_protocol.frames import DEFAULT_PORT, encode
 from evgp_protocol.link import Answers, Grade, make_prompt, read, unanswered, unsent
+from evgp_protocol.loop import run
 from evgp_protocol.states import RaceState
 
 FRAME = encode(RaceState.IN_GARAGE)
@@ -345,7 +345,11 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
     try:
         report = run(_survey(options, limits))
     except (OSError, OverflowError) as error:  # OverflowError: a port above 65535
-        print(f'The survey cannot start: {error}', file=sys.stderr)
+        print(
+            f'The survey cannot start: {error}. Race control must not be running on this '
+            "computer, and --listen must be one of this computer's addresses",
+            file=sys.stderr,
+        )
         return Exit.NOT_PASSED
     if report is None:
         print(f'The survey did not start: the word was not "{WORD}".', file=sys.stderr)

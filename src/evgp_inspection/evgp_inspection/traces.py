@@ -11,9 +11,9 @@ the oracle reads nothing else, so a verdict can be reproduced from the trace alo
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-import dataclasses
+from collections.abc import Sequence
 import enum
+from typing import NamedTuple
 
 from evgp_protocol.frames import FrameDecoder, StateFrame
 from evgp_protocol.hearing import Hearing, NO_ORDER
@@ -46,8 +46,7 @@ class Kind(enum.Enum):
     BACK = 'back'  # the inspection accepts connections again after refusing them
 
 
-@dataclasses.dataclass(frozen=True)
-class Event:
+class Event(NamedTuple):
     """
     An observed event.
 
@@ -68,8 +67,7 @@ class Event:
     unread: int = 0
 
 
-@dataclasses.dataclass(frozen=True)
-class SentState:
+class SentState(NamedTuple):
     """A state sent on a connection, and the time of its first whole frame."""
 
     at: float
@@ -77,8 +75,7 @@ class SentState:
     state: RaceState
 
 
-@dataclasses.dataclass(frozen=True)
-class Said:
+class Said(NamedTuple):
     """
     A frame from the kart, or bytes that do not form one.
 
@@ -126,13 +123,6 @@ class Trace:
         self._time = self._beats = 0.0
         self._sent: dict[int, SentState] = {}  # of the connections that are open
         self._acknowledged: set[SentState] = set()
-
-    @classmethod
-    def of(cls, events: Iterable[Event]) -> Trace:
-        trace = cls()
-        for event in events:
-            trace.add(event)
-        return trace
 
     def acknowledged(self, state: RaceState) -> bool:
         """Return whether the kart is now being sent this state, and has acknowledged it."""

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-import fcntl
 import random
 import socket
-import sys
-import termios
 
 from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame
+from evgp_protocol.link import unread
 from evgp_protocol.states import RaceState
 
 IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
@@ -22,9 +20,6 @@ RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
 
 STEP = 0.02  # s
 
-LATE_TURN = 0.05
-"""A turn of a kart that takes longer says that it got no processor, s. Of two halves of a frame,
-0.07 s apart, it may then have seen one frame."""
 ACCELERATION, BRAKING, TOP = 20.0, 12.0, 6.0  # m/s², m/s²: it stops in 0.5 s, m/s
 FLAG_BRAKING = 6.0  # m/s²
 COASTING = 3.0  # m/s²
@@ -190,7 +185,7 @@ class InspectedKart:
         self._has = {name: name == habit for name in HABITS}
         assert not habit or habit in HABITS
         self._long_after = long_after
-        self._read_at = 0.0
+        self._read_at = self._took_at = 0.0
         self._says_garage = says_garage
         self.last_heard = b''
         self._port = port
@@ -209,7 +204,6 @@ class InspectedKart:
         self._ticked_at = self._loop.time()
         self._armed = False
         self._reached_at: float | None = None
-        self._moving_since: float | None = None
         self._grids = 0
         self._lost_how = ''
         self._reset = False  # the connection, as a frame was to be sent
@@ -217,16 +211,12 @@ class InspectedKart:
         self._drove = False
         self._goes_on = False  # faulty: drives on although race control is gone
         self._decoder = FrameDecoder()
-        self._pending: list[RaceState] = []
-        self._unread = b''
-        self._idle = 0  # turns since it last read something
+        self._found: asyncio.Future[bool] = self._loop.create_future()
         self._frame_times: list[float] = []
-        self._errors_only = False
         self._silent_kept = False
         self._deaf_until = 0.0
         self._bridge_killed = False
         self._stack_died_at: float | None = None
-        self.held_up = False
         self._coasts = False
         self._green_at = 0.0
         self._seen_next = 0.0
@@ -235,7 +225,7 @@ class InspectedKart:
         self._begins = False  # it was told to drive just before a stop
 
     async def run(self) -> None:
-        ticking = asyncio.create_task(self._tick_for_ever())
+        self._tick()
         second: socket.socket | None = None
         try:
             while True:
@@ -243,7 +233,7 @@ class InspectedKart:
                     link = self._connect()
                 except ConnectionRefusedError:
                     if self._is['gives up when it is refused']:
-                        await ticking
+                        await self._loop.create_future()
                     if self._is['a race control that is away arms it']:
                         self._lost_how = 'refused'
                     await asyncio.sleep(RETRY)
@@ -255,15 +245,14 @@ class InspectedKart:
                 with link:
                     await self._serve(link)
                 if self._is['FIN ends it'] and self._lost_how == 'closed':
-                    await ticking
+                    await self._loop.create_future()
                 if self._is['RST ends it'] and self._lost_how == 'reset':
-                    await ticking
+                    await self._loop.create_future()
                 await asyncio.sleep(RETRY)
         finally:
-            ticking.cancel()
+            self._next_tick.cancel()
             if second is not None:
                 second.close()
-            await asyncio.gather(ticking, return_exceptions=True)
 
     def _connect(self) -> socket.socket:
         link = socket.socket()
@@ -280,6 +269,7 @@ class InspectedKart:
         """Have its bridge die, which is started again, or its stack: then the base is left."""
         if part == 'bridge':
             self._bridge_killed = True
+            self._find(False)
         else:
             self._stack_died_at = self._loop.time()
 
@@ -290,7 +280,6 @@ class InspectedKart:
         self._links += 1
         self._orders = 0
         self._decoder = FrameDecoder()
-        self._pending.clear()
         self._reset = False
         self._heard_at = self._loop.time()
         self._frame_times.clear()
@@ -317,11 +306,8 @@ class InspectedKart:
 
     async def _read(self, link: socket.socket) -> None:
         gone = False
-        turn_at = self._loop.time()
         while True:
             now = self._loop.time()
-            self.held_up = self.held_up or now - turn_at > LATE_TURN
-            turn_at = now
             if self._bridge_killed:
                 self._lost('killed')
                 self._bridge_killed = False
@@ -356,8 +342,9 @@ class InspectedKart:
             size = 4096 if not one_frame else 6 if half else 13
             if size == 6:  # but it is never so late that it misses other limits too
                 size = max(size, unread(link) - MOST_UNREAD)
-            if not await self._readable(link):
-                self._idle += 1
+            often = self._is['takes 10 Hz for silence']
+            left = 0.0 if often else self._heard_at + self._silence - now
+            if not await self._readable(link, max(left, STEP)):
                 continue
             try:
                 data = link.recv(size)
@@ -384,22 +371,21 @@ class InspectedKart:
                 self._lost('malformed')
                 return
 
-    async def _readable(self, link: socket.socket) -> bool:
-        """Return whether there is something to read within `STEP`."""
-        found: asyncio.Future[bool] = self._loop.create_future()
-
-        def find(readable: bool) -> None:
-            if not found.done():
-                found.set_result(readable)
-
+    async def _readable(self, link: socket.socket, seconds: float) -> bool:
+        """Return whether there is something to read within a time, while its bridge lives."""
+        self._found = self._loop.create_future()
         number = link.fileno()  # asyncio writes out the socket itself for each lookup
-        self._loop.add_reader(number, find, True)
-        timer = self._loop.call_later(STEP, find, False)
+        self._loop.add_reader(number, self._find, True)
+        timer = self._loop.call_later(seconds, self._find, False)
         try:
-            return await found
+            return await self._found
         finally:
             timer.cancel()
             self._loop.remove_reader(number)
+
+    def _find(self, readable: bool) -> None:
+        if not self._found.done():
+            self._found.set_result(readable)
 
     def _too_slow(self, now: float) -> bool:
         if not self._is['takes 10 Hz for silence'] or not self._frame_times:
@@ -435,10 +421,10 @@ class InspectedKart:
         if (
             self._is['needs a whole frame in each read']
             or self._is[ECHOES_LATE]
-            or (self._is['forgets half a frame'] and self._idle > 1)
+            or (self._is['forgets half a frame'] and now - self._took_at > 2 * STEP)
         ):
             self._decoder = FrameDecoder()
-        self._idle = 0
+        self._took_at = now
         if self._is['throws long reads away'] and len(data) > 40:
             return True
         if self._is['looks for GREEN_GREEN anywhere'] and b'GREEN_GREEN' in data:
@@ -547,12 +533,9 @@ class InspectedKart:
             return RED_RED
         return commanded
 
-    async def _tick_for_ever(self) -> None:
-        while True:
-            self._tick(self._loop.time())
-            await asyncio.sleep(STEP)
-
-    def _tick(self, now: float) -> None:
+    def _tick(self) -> None:
+        now = self._loop.time()
+        self._next_tick = self._loop.call_later(STEP, self._tick)
         obeyed = self._obeyed
         since = now - self._ordered_at
         target = TOP if obeyed is GREEN_GREEN or self._goes_on else 0.0
@@ -680,8 +663,3 @@ class InspectedKart:
         return any(
             self._is[fault] and obeyed is each and now for fault, (each, now) in keeps.items()
         )
-
-
-def unread(link: socket.socket) -> int:
-    """Return the number of bytes that came and were not read."""
-    return int.from_bytes(fcntl.ioctl(link, termios.FIONREAD, bytes(4)), sys.byteorder)

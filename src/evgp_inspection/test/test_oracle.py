@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import pathlib
 import re
 
@@ -89,30 +88,12 @@ def test_a_kart_that_begins_to_brake_late_breaks_the_sentence_of_what_it_was_tol
     assert STOPPED[stop] in failed(trace(stop, driven, late, 12.0))
 
 
-def test_a_stop_that_is_late_after_a_minute_of_driving_is_found() -> None:
-    assert 'K-3A-14' in failed(trace(RaceState.RED_RED, 60.0, 7.8, 12.0))
-
-
 @settings(max_examples=30)
 @given(STOPS, st.floats(3.0, 11.0))
 def test_a_kart_that_moves_off_long_after_a_stop_is_found(
     stop: RaceState | None, moves_off: float
 ) -> None:
     assert STAYED[stop] in failed(trace(stop, 5.0, 0.1, 12.0, moves_off))
-
-
-@settings(max_examples=30)
-@given(STOPS, st.floats(0.5, 5.0), st.floats(0.2, 8.0), st.floats(2.5, 12.0))
-def test_the_oracle_finds_the_same_whenever_it_is_asked(
-    stop: RaceState | None, driven: float, late: float, braking: float
-) -> None:
-    events = trace(stop, driven, late, braking)
-    live = Oracle(LIMITS)
-    for event in events:
-        live.take(event)
-        assert live.moves <= len(live.breaches)
-    findings = live.findings()
-    assert findings == Oracle.of(events, LIMITS).findings()
 
 
 GAP = 2 * LIMITS.slack + 0.1
@@ -141,7 +122,7 @@ def test_a_kart_that_gets_faster_again_while_it_brakes_is_found(
         return 6.0 * again if since > 1.3 else max(6.0 - 5.0 * max(since, 0.0), 0.3)
 
     events = [
-        dataclasses.replace(event, value=speed(event.at - 5.0))
+        event._replace(value=speed(event.at - 5.0))
         if event.kind is Kind.SPEED and event.at > 5.0
         else event
         for event in trace(stop, 2.0, 0.0, 12.0)

@@ -13,8 +13,9 @@ import re
 from evgp_inspection.kart_script import STEPS
 from evgp_inspection.kart_sentences import BY_NAME, KART
 from evgp_inspection.limits import Limits
+from evgp_inspection.oracle import Oracle
 from evgp_inspection.report import as_html, as_json, Header
-from evgp_inspection.traces import Event, Kind, Trace
+from evgp_inspection.traces import Event, Kind
 from evgp_inspection.verdicts import Finding, Result, results_of, select, Verdict, verdict_on
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
@@ -44,24 +45,29 @@ def told(*sent: tuple[float, RaceState], read: bool) -> list[Event]:
     return events
 
 
+def acknowledged(*events: Event) -> bool:
+    """Return whether a trace shows that the kart has acknowledged RED_RED."""
+    return Oracle.of(events, LIMITS).trace.acknowledged(RED_RED)
+
+
 IN_GARAGE = RaceState.IN_GARAGE
 
 
 def test_a_word_that_can_answer_an_earlier_order_counts_for_that_one() -> None:
     events = told((1.0, IN_GARAGE), (2.0, RED_RED), read=True)
     late = Event(2.2, Kind.SAID, 1, encode(RED_RED))
-    assert not Trace.of([*events, late]).acknowledged(RED_RED)
+    assert not acknowledged(*events, late)
     said = Event(2.15, Kind.SAID, 1, encode(IN_GARAGE))
-    assert Trace.of([*events, said, late]).acknowledged(RED_RED)
+    assert acknowledged(*events, said, late)
 
 
 def test_a_pause_shows_that_a_kart_has_read_what_its_tcp_had_but_a_hold_up_is_none() -> None:
     before = told((1.0, IN_GARAGE), read=True)
     order = [Event(5.0, Kind.SENT, 1, encode(RED_RED)), Event(5.1, Kind.UNANSWERED, 1)]
     word = Event(5.2, Kind.SAID, 1, encode(RED_RED))
-    assert not Trace.of([*before, *order, word]).acknowledged(RED_RED)
+    assert not acknowledged(*before, *order, word)
     frames = [Event(1.2 + 0.05 * n, Kind.SENT, 1, encode(IN_GARAGE)) for n in range(70)]
-    assert Trace.of([*before, *frames, *order, word]).acknowledged(RED_RED)
+    assert acknowledged(*before, *frames, *order, word)
 
 
 def test_a_word_that_was_under_way_before_the_kart_had_the_order_does_not_count() -> None:
@@ -69,13 +75,14 @@ def test_a_word_that_was_under_way_before_the_kart_had_the_order_does_not_count(
     word = Event(0.3, Kind.SAID, 1, encode(RED_RED))
     for unanswered, counts in ((0, True), (9, False)):
         look = Event(0.2, Kind.UNANSWERED, 1, value=unanswered, unread=len(word.data))
-        assert Trace.of([red, look, word]).acknowledged(RED_RED) is counts
+        assert acknowledged(red, look, word) is counts
 
 
 @given(st.lists(st.binary(max_size=20), max_size=20))
 def test_it_does_not_matter_how_the_words_of_a_kart_are_cut(pieces: list[bytes]) -> None:
     def words(parts: list[bytes]) -> list[tuple[RaceState | None, str]]:
-        trace = Trace.of(Event(1.0, Kind.SAID, 1, part) for part in parts)
+        events = [Event(1.0, Kind.SAID, 1, part) for part in parts]
+        trace = Oracle.of(events, LIMITS).trace
         return [(said.state, said.reason) for said in trace.said]
 
     whole = b''.join(pieces)

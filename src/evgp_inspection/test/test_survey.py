@@ -16,8 +16,8 @@ from evgp_inspection.limits import SurveyLimits
 from evgp_inspection.survey import LinkSurvey, Mark, Report
 from evgp_inspection.survey_network import figures_now, FRAME, Surveyor
 from evgp_inspection.verdicts import Verdict
-from evgp_protocol.clock import run
 from evgp_protocol.link import Grade
+from evgp_protocol.loop import run
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest

@@ -17,7 +17,7 @@ from typing import Any
 
 from autoware_adapi_v1_msgs.msg import ManualOperatorHeartbeat, MotionState, OperationModeState
 from evgp_kart_bridge.watch import RaceStateWatch
-from evgp_node.parameters import ParameterError, Parameters, StrictNode
+from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
 from evgp_node.stamps import stamp
@@ -95,7 +95,7 @@ class AutowareAdapter(StrictNode):
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         super().__init__('autoware_adapter', **node_options)
-        Parameters(self).refuse_unknown()
+        self.refuse_unknown()
         self._mode, self._motion = OperationModeState(), MotionState()
         self._watch = RaceStateWatch(self)
         self._heartbeat = self.create_publisher(

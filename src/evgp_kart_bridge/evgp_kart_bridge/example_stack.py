@@ -26,7 +26,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from evgp_kart_bridge.orders import Order
 from evgp_kart_bridge.watch import RaceStateWatch
-from evgp_node.parameters import ParameterError, Parameters, StrictNode
+from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
 from evgp_node.rclpy_private import RCLError
 from evgp_node.stamps import stamp
@@ -83,11 +83,10 @@ class ExampleStack(StrictNode):
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         super().__init__('example_stack', **node_options)
-        parameters = Parameters(self)
-        command = parameters.declare(
+        command = self.declare(
             'command', '', f'Type of motor commands: {", ".join(COMMANDS)}. Empty sends none.'
         )
-        parameters.refuse_unknown()
+        self.refuse_unknown()
         self._simulates = not command
         # This publishes commands to the motors or, without motors, simulated odometry.
         self._publisher = (

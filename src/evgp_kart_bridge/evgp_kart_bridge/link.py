@@ -16,8 +16,8 @@ silent, and the kart's nodes stop (§3.E).
 The time comes from `evgp_protocol.clock`, a clock that cannot be set and runs on during suspend.
 After the computer wakes up, the link checks the time within ``1 / REPEAT``, and in any case before
 it judges the first frame that arrives. It then finds that the connection was silent for too long.
-If the thread was held up for less time, but for over `HELD_UP`, it obeys the frames that waited,
-but they do not end the silence, because race control may have gone in the meantime.
+If the thread was held up for less time, it obeys the frames that waited, but the silence counts
+from a time at which none of them had arrived, because race control may have gone since.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ import threading
 from evgp_protocol import clock
 from evgp_protocol.arbiter import Arbiter, Reaction, Verdict
 from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFrame
+from evgp_protocol.loop import run
 from evgp_protocol.states import RaceState
 
 REPEAT = 10.0
@@ -48,9 +49,9 @@ FIRST_WAIT = 0.1
 LAST_WAIT = 2.0
 """Maximum time before any attempt to connect, in seconds."""
 
-HELD_UP = 0.5
-"""Maximum time from a turn of `_repeat` to the next but one, in seconds. If it is longer, the
-thread was held up. By default, the stack then stops the kart, because the bridge is silent."""
+TURN = 0.02
+"""Time between two turns of the loop, by which the link knows how old a frame may be, in
+seconds."""
 
 LINK_END_TIMEOUT = 2.0
 """Maximum time to wait until the thread has ended, in seconds."""
@@ -137,7 +138,7 @@ class RaceControlLink:
         self._status = LinkStatus()
         self._connection: _Connection | None = None
         self._timer: asyncio.TimerHandle | None = None
-        # The last two turns of `_repeat`. What is read now arrived after the first of them:
+        # The last two turns of the loop. What is read now arrived after the first of them:
         # otherwise, the loop would have read it before the second.
         self._turn = self._turn_before = clock.now()
         self._thread = threading.Thread(target=self._run, name='link', daemon=True)
@@ -187,7 +188,7 @@ class RaceControlLink:
 
     def _run(self) -> None:
         try:
-            clock.run(self._serve())
+            run(self._serve())
         except BaseException as error:  # noqa: BLE001 - passed to the owner of the process
             self._on_failure(error)
         finally:
@@ -200,7 +201,10 @@ class RaceControlLink:
         loop.set_exception_handler(
             lambda _, context: self._end(context.get('exception') or RuntimeError(context))
         )
-        tasks = [loop.create_task(self._repeat()), loop.create_task(self._keep_connected())]
+        tasks = [
+            loop.create_task(each())
+            for each in (self._count_turns, self._repeat, self._keep_connected)
+        ]
         for task in tasks:
             task.add_done_callback(lambda task: task.cancelled() or self._end(task.exception()))
         with self._running:
@@ -264,9 +268,13 @@ class RaceControlLink:
         self._published = verdict
         self._publish(verdict, self._status)
 
-    async def _repeat(self) -> None:
+    async def _count_turns(self) -> None:
         while True:
             self._turn_before, self._turn = self._turn, clock.now()
+            await asyncio.sleep(TURN)
+
+    async def _repeat(self) -> None:
+        while True:
             self._take(Arbiter.tick)
             self._publish_now(self._arbiter.verdict)
             await asyncio.sleep(1 / REPEAT)
@@ -323,9 +331,7 @@ class RaceControlLink:
             self._status.heard_anything = True
             before = self._arbiter.verdict.order
             verdict = self._give(
-                lambda arbiter, now: arbiter.heard(
-                    event.state, now, waited=now > self._turn_before + HELD_UP
-                )
+                lambda arbiter, now: arbiter.heard(event.state, now, self._turn_before)
             ).verdict
             if verdict.commanded is RaceState.IN_GARAGE and verdict.order != before:
                 # Acknowledge at once, because the kart need not do anything first. The reply shows

@@ -30,10 +30,11 @@ from evgp_kart_bridge.link import (
     REPEAT,
 )
 from evgp_kart_bridge.motion import Motion, NEVER_MOVED
+from evgp_kart_bridge.orders import LONGEST_LEASE
 from evgp_kart_bridge.watch import LEASE, LOG_AGAIN, race_state_qos
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.graph import KEEPS_APART, where_reachable
-from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
+from evgp_node.parameters import check_address, ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
 from evgp_node.qos import latched
 from evgp_node.rclpy_private import RCLError
@@ -146,7 +147,7 @@ class KartBridge(StrictNode):
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         super().__init__('kart_bridge', **node_options)
-        link_settings, settings, lease = read_settings(Parameters(self))
+        link_settings, settings, lease = read_settings(self)
         self._peer = peer_of(link_settings)
         self._graph = f'ROS domain {self.context.get_domain_id()}'
         self._odometry_topic = self.resolve_topic_name('~/odom')
@@ -574,8 +575,8 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     ),
     (
         'odometry_required',
-        'Accept acknowledgements only if ~/odom agrees: RED_FLAG and RED_RED at a standstill, '
-        'GREEN_GREEN in motion, GRID_ACTIVE while it is received.',
+        'Accept acknowledgements only if ~/odom agrees: GRID_ACTIVE, RED_FLAG and RED_RED at a '
+        'standstill, GREEN_GREEN in motion.',
     ),
     (
         'auto_acknowledge_stop',
@@ -597,16 +598,15 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
 """Name, meaning and range of the arbiter's parameters. `Settings` has the defaults."""
 
 
-def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float]:
+def read_settings(node: StrictNode) -> tuple[LinkSettings, Settings, float]:
     """
     Declare every parameter of the bridge, and return the settings.
 
-    :param parameters: the parameters of the bridge's node.
     :return: race control's address, the settings of the rules, and the liveliness lease in
         seconds.
     :raises ParameterError: if a parameter is wrong.
     """
-    declare = parameters.declare
+    declare = node.declare
     host = declare('host', '', 'The IPv4 address of race control.')
     port = declare('port', DEFAULT_PORT, 'The TCP port of race control.', (1, 65535))
     local = declare(
@@ -616,13 +616,13 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
         'liveliness_lease',
         LEASE,
         'Silence of the bridge after which a subscriber must stop the kart, in seconds.',
-        (0.2, 2.0),
+        (0.2, LONGEST_LEASE),
     )
     rules: dict[str, Any] = {
         name: declare(name, getattr(Settings, name), *meaning_and_limits)
         for name, *meaning_and_limits in OF_THE_RULES
     }
-    parameters.refuse_unknown()
+    node.refuse_unknown()
     if not host:
         raise ParameterError(
             'parameter host is missing. Give the address of race control, '

@@ -24,6 +24,9 @@ FORGIVEN = 1.0
 """Maximum duration of a doubt after which a stack still obeys GREEN_GREEN without a new
 GRID_ACTIVE, in seconds."""
 
+LONGEST_LEASE = 2.0
+"""Maximum lease of a watch, and of a bridge, in seconds."""
+
 NEVER_HEARD = 'no GRID_ACTIVE was heard before GREEN_GREEN'
 """Reason for not obeying GREEN_GREEN if the stack was started too late."""
 
@@ -65,6 +68,17 @@ class Order:
     state: RaceState
     number: int
     reached: RaceState | None
+
+
+def valid_lease(lease: float) -> float:
+    """
+    Return the lease of a watch.
+
+    :raises ValueError: if a kart would drive on for too long after its bridge has died.
+    """
+    if not 0.0 < lease <= LONGEST_LEASE:
+        raise ValueError(f'lease must be above 0 s and at most {LONGEST_LEASE:g} s, not {lease!r}')
+    return lease
 
 
 class Orders:

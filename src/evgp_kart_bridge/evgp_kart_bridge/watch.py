@@ -16,7 +16,7 @@ import threading
 import time
 from typing import Any
 
-from evgp_kart_bridge.orders import Order, Orders, Said
+from evgp_kart_bridge.orders import Order, Orders, Said, valid_lease
 from evgp_node.graph import kept_apart_by
 from evgp_node.rclpy_private import take_waiting
 from evgp_node.states import state_message, state_of
@@ -116,7 +116,8 @@ class RaceStateWatch:
     :param node: the node of your stack.
     :param on_change: called by the node's executor with each new state, first with RED_RED.
     :param topic: the bridge's topic. The service ``acknowledge`` is in the same namespace.
-    :param lease: the bridge's `liveliness_lease`, or longer, in seconds.
+    :param lease: the bridge's `liveliness_lease`, or longer, but at most 2, in seconds.
+    :raises ValueError: if the lease is out of range.
     """
 
     def __init__(
@@ -136,7 +137,7 @@ class RaceStateWatch:
         self._reported: RaceState | None = None  # to `on_change`
         # The order may be read and acknowledged in any thread.
         self._ordering = threading.RLock()
-        self._orders = Orders(lease)
+        self._orders = Orders(valid_lease(lease))
         self._asking: Future | None = None
         self._log = node.get_logger()
         self._began = clock.now()
@@ -261,11 +262,11 @@ class RaceStateWatch:
         now = clock.now()
         with self._ordering:
             self._orders.look(now)
-        self._log_reason(now)
         state = self.order.state
         if state is not self._reported:
             self._reported = state
             self._on_change(state)
+        self._log_reason(now)  # last, because the log may wait
 
     def _log_reason(self, now: float) -> None:
         """Log each new reason, or that the node does not hear a bridge."""

@@ -6,8 +6,8 @@ Converts values to ROS messages of ``evgp_rcs_msgs`` and back.
 
 The types of the message and of the value determine the conversion, so no field is named here. A
 field of the value becomes the message's field of the same name, and ``stamp_ns`` becomes `stamp`.
-A member of an enum becomes the constant of its name. None becomes UNKNOWN for a state, 0 for a
-time or a constant, and NaN for any other number.
+A member of an enum becomes the constant of its name or, in a text, its value. None becomes UNKNOWN
+for a state, 0 for a time or a constant, and NaN for any other number.
 """
 
 from __future__ import annotations
@@ -15,25 +15,15 @@ from __future__ import annotations
 from collections.abc import Callable
 import enum
 import functools
-import importlib
 import math
 import types
 from typing import Any, get_args, get_origin, get_type_hints, TypeVar
 
 from builtin_interfaces.msg import Time
-from evgp_node.results import Mark, Status
 from evgp_node.stamps import NS, seconds_of, stamp_of
 from evgp_node.states import state_message, state_of
-from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-
-CONSTANTS: dict[type[enum.Enum], Any] = {
-    Grade: msg.LinkQuality,
-    Mark: msg.JudgedPassing,
-    Status: msg.KartResult,
-}
-"""The message that has each enum's constants. Modules with further enums add them here."""
 
 STAMPED = ('sequence', 'monotonic')
 """Fields of an event's message, besides `stamp`, that come from the ``StampedEvent``."""
@@ -105,7 +95,7 @@ def _both(name: str, hint: Any, slot: str) -> tuple[_Write, _Read]:
     if kind is RaceState:
         return lambda state, _: state_message(state), _read_state if optional else _read_some_state
     if slot.startswith('sequence<') and '/' in slot:
-        one, inner = _class_of(slot[9:-1]), get_args(kind)[0]
+        one, inner = getattr(msg, slot[9:-1].split('/')[1]), get_args(kind)[0]
         return (
             lambda values, wall: [_image(each, inner, one, wall) for each in values],
             lambda messages, said: tuple(value_of(each, inner, said) for each in messages),
@@ -113,20 +103,19 @@ def _both(name: str, hint: Any, slot: str) -> tuple[_Write, _Read]:
     if slot.startswith('sequence<'):
         return lambda values, _: list(values), lambda values, _: tuple(values)
     if '/' in slot:
-        one = _class_of(slot)
+        one = getattr(msg, slot.split('/')[1])
         return (
             lambda value, wall: _image(value, kind, one, wall),
             lambda message, said: value_of(message, kind, said),
         )
-    if kind in CONSTANTS:
-        number = {each: int(getattr(CONSTANTS[kind], each.name)) for each in kind}
+    if issubclass(kind, enum.Enum) and slot == 'string':
+        return lambda each, _: each.value, lambda each, _: kind(each)
+    if issubclass(kind, enum.Enum):
+        of = constants_of(kind)
+        number = {each: int(getattr(of, each.name)) for each in kind}
         value = {at: each for each, at in number.items()}
         number, value = ({**number, None: 0}, {**value, 0: None}) if optional else (number, value)
         return lambda each, _: number[each], lambda each, _: _known(value, each, kind)
-    if issubclass(kind, enum.Enum):
-        if slot != 'string':
-            raise TypeError(f'CONSTANTS lacks the message with the constants of {kind.__name__}')
-        return lambda each, _: each.value, lambda each, _: kind(each)
     if optional and kind is float:
         return (
             lambda number, _: math.nan if number is None else number,
@@ -137,10 +126,13 @@ def _both(name: str, hint: Any, slot: str) -> tuple[_Write, _Read]:
     return lambda value, _: value, lambda value, _: value
 
 
-def _class_of(slot: str) -> type[Any]:
-    package, name = slot.split('/')
-    found: type[Any] = getattr(importlib.import_module(f'{package}.msg'), name)
-    return found
+def constants_of(kind: type[enum.Enum]) -> Any:
+    """Return the message that has a constant for every member of an enum."""
+    return next(
+        each
+        for each in vars(msg).values()
+        if isinstance(each, type) and all(hasattr(each, member.name) for member in kind)
+    )
 
 
 def _known(values: dict[Any, Any], number: int, kind: type[enum.Enum]) -> Any:

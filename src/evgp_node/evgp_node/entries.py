@@ -125,13 +125,13 @@ class Entry:
 
     @property
     def service_type(self) -> str:
-        """Return the ROS name of the service type, which may be the command's own."""
+        """Return the name of the type in ``evgp_rcs_msgs.srv``, which may be the command's own."""
         name = 'KartCommand' if self.to_one_kart else 'RaceCommand'
         names = self.names_karts or self.names_hold or self.names_heat or self.takes
         if self.fixed or self.statement or names:
             own = self.service.removeprefix(OF_TIMEKEEPER)
             name = own.title().replace('_', '').replace('/', '')
-        return f'evgp_rcs_msgs/srv/{name}'
+        return name
 
     @property
     def overtakes(self) -> bool:

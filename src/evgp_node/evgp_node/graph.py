@@ -24,10 +24,11 @@ import os
 import pathlib
 import socket
 import struct
+import sys
 import tempfile
 import threading
 
-from evgp_node.network_cards import cards
+from evgp_node.network_cards import Card, cards
 from rclpy.utilities import get_rmw_implementation_identifier
 
 INTERFACE = 'EVGP_GRAPH_INTERFACE'
@@ -148,12 +149,8 @@ class NotNowError(GraphError):
     """The graph cannot be bound as required now, but perhaps later."""
 
 
-def refuse_domain() -> None:
-    """
-    Refuse a ROS domain for which DDS has no ports. ROS itself refuses text that is not a number.
-
-    :raises GraphError: if ROS_DOMAIN_ID is such a domain.
-    """
+def _refuse_domain() -> None:
+    """Refuse a ROS domain without UDP ports. ROS itself refuses text that is not a number."""
     given = os.environ.get(DOMAIN, '')
     with contextlib.suppress(ValueError):
         if not 0 <= int(given, 0) <= LAST_DOMAIN:
@@ -174,7 +171,7 @@ def bind_graph() -> None:
     :raises GraphError: if no interface can have that address, if the ROS domain does not exist, or
         if this function cannot configure the ROS middleware.
     """
-    refuse_domain()
+    _refuse_domain()
     interface = _named_interface()
     middleware = get_rmw_implementation_identifier()
     if not middleware.startswith(('rmw_fastrtps', 'rmw_cyclonedds')):
@@ -257,7 +254,7 @@ def _fence(named: str) -> None:
     """Restrict each UDP socket to loopback and the interface that has this address, if any."""
     indices = [socket.if_nametoindex('lo')]
     with contextlib.suppress(KeyError, OSError):  # the interface was unplugged
-        indices.append(socket.if_nametoindex(interfaces()[named]))
+        indices.append(interfaces()[named].number)
     with udp_sockets() as found:
         for each, bound in found:
             _attach_filter(each, indices)
@@ -267,8 +264,9 @@ def _fence(named: str) -> None:
 
 def keep_to_interface(server: socket.socket, address: str) -> None:
     """Restrict a TCP server to loopback and the interface that has this address now."""
-    name = interfaces().get(address, 'lo')
-    _attach_filter(server, [socket.if_nametoindex(each) for each in {'lo', name}])
+    card = interfaces().get(address)
+    loopback = socket.if_nametoindex('lo')
+    _attach_filter(server, [loopback if card is None else card.number, loopback])
 
 
 def network_of(address: str) -> ipaddress.IPv4Network | None:
@@ -342,16 +340,12 @@ class Inbox:
 
 def reachable_at() -> tuple[str, ...]:
     """
-    Return the IPv4 addresses at which other programs can reach the graph of this process.
+    Return the IPv4 addresses at which other machines can reach the graph of this process.
 
     They are read from the UDP sockets and from the kernel's filters on them. `EVERY` means every
     address of this machine.
     """
-    names = interfaces()
-    index: dict[int, list[str]] = {}
-    for address, name in names.items():
-        with contextlib.suppress(OSError):  # the interface has gone
-            index.setdefault(socket.if_nametoindex(name), []).append(address)
+    there = interfaces()
     addresses: set[str] = set()
     with udp_sockets() as found:
         for each, bound in found:
@@ -362,31 +356,29 @@ def reachable_at() -> tuple[str, ...]:
             if through is None:
                 addresses.add(EVERY)
             else:
-                addresses.update(*(index.get(number, []) for number in through))
-    return tuple(sorted(addresses, key=ipaddress.IPv4Address))
+                addresses.update(own for own, card in there.items() if card.number in through)
+    beyond = [each for each in addresses if not ipaddress.IPv4Address(each).is_loopback]
+    return tuple(sorted(beyond, key=ipaddress.IPv4Address))
 
 
-def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
+def refuse_open_graph(kart_address: str) -> None:
     """
     Refuse a graph that programs on the karts' network could reach.
 
     Call this once there is a node.
 
     :param kart_address: address at which race control listens for karts, or `EVERY`.
-    :param accepted: whether a parameter accepts such a graph explicitly.
-    :raises GraphError: if programs could reach the graph from there, SROS2 is not enforced, and
-        `accepted` is False.
+    :raises GraphError: if programs could reach the graph from there, and SROS2 is not enforced.
     """
-    if accepted or is_security_enforced() or ipaddress.IPv4Address(kart_address).is_loopback:
+    if is_security_enforced() or ipaddress.IPv4Address(kart_address).is_loopback:
         return
-    beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
-    names = interfaces()
+    there = interfaces()
     meeting = [
         each
-        for each in beyond
+        for each in reachable_at()
         if EVERY in (each, kart_address)
         or each == kart_address
-        or names.get(each, each) == names.get(kart_address, kart_address)
+        or there.get(each, each) == there.get(kart_address, kart_address)
     ]
     if not meeting:
         return
@@ -400,13 +392,18 @@ def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
     )
 
 
+def reachable_in_words() -> str:
+    """Return the addresses of `reachable_at` as text; empty if there are none."""
+    beyond = reachable_at()
+    return 'every address of this machine' if EVERY in beyond else ' and '.join(beyond)
+
+
 def where_reachable() -> str:
     """Return a sentence that says where the graph of this process can be reached."""
     graph = f'The ROS graph of domain {os.environ.get(DOMAIN) or 0}'
-    beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
-    if not beyond:
+    at = reachable_in_words()
+    if not at:
         return f'{graph} can be reached only from this machine'
-    at = 'every address of this machine' if EVERY in beyond else ' and '.join(beyond)
     secured = ', and requires keys (SROS2)' if is_security_enforced() else ''
     return f'{graph} can be reached from other machines, at {at}{secured}'
 
@@ -513,9 +510,9 @@ _RETURN = 0x06  # BPF_RET | BPF_K
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
-def interfaces() -> dict[str, str]:
-    """Return the names of this machine's interfaces by their IPv4 addresses."""
-    return {str(each.ip): card.name for card in cards() for each in card.addresses}
+def interfaces() -> dict[str, Card]:
+    """Return this machine's interfaces by their IPv4 addresses."""
+    return {str(each.ip): card for card in cards() for each in card.addresses}
 
 
 @contextlib.contextmanager
@@ -619,4 +616,7 @@ def _filtered_interfaces(of: socket.socket) -> list[int] | None:
 
 
 if __name__ == '__main__':
-    print(fast_dds_profile(_named_interface()), end='')
+    try:
+        print(fast_dds_profile(_named_interface()), end='')
+    except GraphError as error:
+        sys.exit(str(error))

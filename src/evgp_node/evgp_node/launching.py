@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Decides for launch files when not to restart a node.
+Decides for launch files when not to restart a node, which `launch` does whatever its exit code.
 
 Only launch files import this module, because the package `launch` exists only in ROS.
 """
@@ -23,19 +23,18 @@ OnExit = Callable[[ProcessExited, LaunchContext], list[EmitEvent] | None]
 
 def keep_trying_if_it_was_up(*beside: Action) -> OnExit:
     """
-    Return an `on_exit` that stops restarting a node if that would not help.
+    Return an `on_exit` that stops restarting a node once its end is final (`Ends`).
 
     :param beside: nodes that must then end together with this one.
     """
     ends = Ends(time.monotonic())
 
-    def give_up_if_refused(event: ProcessExited, context: LaunchContext) -> list[EmitEvent] | None:
-        final = ends.is_final(event.returncode, time.monotonic())
-        if not final or event.returncode == 0:
+    def give_up_if_final(event: ProcessExited, context: LaunchContext) -> list[EmitEvent] | None:
+        if not ends.is_final(event.returncode, time.monotonic()):
             return None
         return [
             EmitEvent(event=ShutdownProcess(process_matcher=matches_action(each)))
             for each in (event.action, *beside)
         ]
 
-    return give_up_if_refused
+    return give_up_if_final

@@ -55,7 +55,6 @@ class Card(NamedTuple):
     addresses: tuple[ipaddress.IPv4Interface, ...] = ()
 
     def has(self, address: str) -> bool:
-        """Return whether the interface has this IPv4 address."""
         return ipaddress.IPv4Address(address) in [each.ip for each in self.addresses]
 
 
@@ -109,7 +108,6 @@ class CardNews:
         return found
 
     def close(self) -> None:
-        """Close the socket."""
         self.file.close()
 
 

@@ -53,10 +53,9 @@ def check_address(name: str, address: str) -> None:
 
 class StrictNode(Node):
     """
-    A node that knows the name of every parameter that was set, even of undeclared ones.
+    A node that refuses parameters that it has not declared.
 
     :ivar beside: other nodes of the process, each with its own thread, that only offer services.
-    :ivar given: names of the parameters that were set, without those of ROS itself.
     :raises ParameterError: if a parameter has no value.
     :raises GraphError: if the graph cannot be fenced (``graph.fence_graph``).
     """
@@ -74,24 +73,17 @@ class StrictNode(Node):
                 f'a parameter has no value ({error}). Set one; a list must not be empty'
             ) from error
         fence_graph()
-        self.given = {
+        self._declared_names: list[str] = []
+        self._given_names = {
             name
             for name in self.get_parameters_by_prefix('')
             if name.split('.')[0] not in _ROS_OWN
         }
-        for name in self.given:
+        for name in self._given_names:
             self.undeclare_parameter(name)
 
     def close(self) -> None:
         """End the node's threads and leave everything safe. ROS is still running."""
-
-
-class Parameters:
-    """The parameters of one node, which declares each of them through this object."""
-
-    def __init__(self, node: StrictNode) -> None:
-        self._node = node
-        self._declared: list[str] = []
 
     def declare(
         self, name: str, default: T, meaning: str, limits: tuple[float, float] | None = None
@@ -119,9 +111,9 @@ class Parameters:
                 descriptor.floating_point_range = [
                     FloatingPointRange(from_value=float(least), to_value=float(greatest))
                 ]
-        self._declared.append(name)
+        self._declared_names.append(name)
         try:
-            value: T = self._node.declare_parameter(name, default, descriptor).value
+            value: T = self.declare_parameter(name, default, descriptor).value
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             raise ParameterError(f'parameter {name}: {error}. Set {right}') from error
         return value
@@ -133,11 +125,11 @@ class Parameters:
         :param own_file: whether to refuse sections for other nodes in a parameter file as well.
         :raises ParameterError: if there is such a parameter, such a section or a duplicate key.
         """
-        for name in sorted(self._node.given - set(self._declared)):
-            meant = difflib.get_close_matches(name, self._declared, n=1)
+        for name in sorted(self._given_names - set(self._declared_names)):
+            meant = difflib.get_close_matches(name, self._declared_names, n=1)
             known = f'did you mean {meant[0]}?' if meant else 'known: '
             if not meant:
-                known += ', '.join(self._declared) or 'none'
+                known += ', '.join(self._declared_names) or 'none'
             raise ParameterError(f'parameter {name} is unknown; {known}')
-        for fault in ignored(sys.argv, self._node.get_fully_qualified_name(), own_file):
+        for fault in ignored(sys.argv, self.get_fully_qualified_name(), own_file):
             raise ParameterError(fault)

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 import contextlib
 import gc
+import os
 import signal
 import socket
 import sys
@@ -104,6 +105,8 @@ def join_graph(program: str, arguments: Sequence[str]) -> None:
     :raises GraphError: if no interface has the address that is set.
     """
     bind_graph()
+    # Messages load numpy, whose threads, one for each processor, none of our programs needs.
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     # A log file on a hanging disk would block everything, for the reason in `unwaiting_output`. On
     # a full disk, no program would start. The option --enable-external-lib-logs turns the file on.
     own = ['--ros-args', '--disable-external-lib-logs', '--']

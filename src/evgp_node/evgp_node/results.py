@@ -54,7 +54,6 @@ class Identity(NamedTuple):
     number: int
 
     def __str__(self) -> str:
-        """Return the passing's name for officials."""
         return f'{self.source} {self.number}'
 
 
@@ -73,7 +72,6 @@ class Passing(NamedTuple):
 
     @property
     def identity(self) -> Identity:
-        """Return the identity of the passing."""
         return Identity(*self[:3])
 
 
@@ -88,8 +86,6 @@ class Mark(enum.Enum):
 
 
 class Penalty(NamedTuple):
-    """A penalty that an official gave to a kart."""
-
     kart: int
     seconds: int
     laps: int
@@ -97,13 +93,15 @@ class Penalty(NamedTuple):
     reason: str
     official: str
 
+    @property
+    def costs(self) -> list[str]:
+        """Return what the penalty takes from the kart's result, as texts."""
+        costs = [f'+{self.seconds} s'] * bool(self.seconds)
+        costs += [f'-{self.laps} laps'] * bool(self.laps)
+        return costs + ['disqualified'] * self.disqualified
+
     def __str__(self) -> str:
-        """Return the penalty and its reason as text."""
-        costs = [f'+{self.seconds} s'] * bool(self.seconds) + [f'-{self.laps} laps'] * bool(
-            self.laps
-        )
-        costs += ['disqualified'] * self.disqualified
-        return f'{", ".join(costs)}: {self.reason}'
+        return f'{", ".join(self.costs)}: {self.reason}'
 
 
 class Status(enum.Enum):
@@ -117,8 +115,6 @@ class Status(enum.Enum):
 
 
 class KartResult(NamedTuple):
-    """The result of one kart."""
-
     kart: int
     place: int
     status: Status
@@ -182,12 +178,10 @@ class Correction(NamedTuple):
     reason: str = ''
 
     def __str__(self) -> str:
-        """Return the correction and its reason as text."""
         what = [self.act.value, f'kart {self.kart}' * bool(self.kart)]
         what.append(f'passing {self.passing}' * bool(self.passing.source))
         what.append(f'transponder {self.transponder}' * bool(self.transponder))
-        what += [f'+{self.seconds} s' * bool(self.seconds), f'-{self.laps} laps' * bool(self.laps)]
-        what.append('disqualified' * self.disqualified)
+        what += Penalty(0, self.seconds, self.laps, self.disqualified, '', '').costs
         return f'{", ".join(filter(None, what))}{f": {self.reason}" if self.reason else ""}'
 
 

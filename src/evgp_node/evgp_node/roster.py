@@ -207,13 +207,13 @@ class _Parser:
         if not self._faults:
             return roster
         self._faults.sort(key=lambda fault: fault.line)
-        lines = [self._in_words(fault) for fault in self._faults[:MOST_FAULTS]]
+        lines = [
+            f'{self._source}{f":{fault.line}" if fault.line else ""}: {fault.reason}'
+            for fault in self._faults[:MOST_FAULTS]
+        ]
         if len(self._faults) > MOST_FAULTS:
             lines.append(f'{self._source}: {len(self._faults) - MOST_FAULTS} more faults')
         raise RosterError('\n'.join(lines))
-
-    def _in_words(self, fault: _FaultError) -> str:
-        return f'{self._source}{f":{fault.line}" if fault.line else ""}: {fault.reason}'
 
     def _read(self, text: str) -> Roster:
         root = self._compose(text)
@@ -292,12 +292,10 @@ class _Parser:
         owners: dict[str, tuple[str, int]] = {}
         carriers: dict[str, tuple[str, int]] = {}
         for position, node in enumerate(nodes, start=1):
-            kart = f'kart entry {position}'
             known = self._number_in(node)
-            named = kart if known is None else f'kart {known}'
-            fields = self._tried(self._fields, node, _FIELDS, named, _OPTIONAL)
-            fields = fields or {}
-            number = self._tried(self._number, fields.get('number'), kart)
+            kart = f'kart entry {position}' if known is None else f'kart {known}'
+            fields = self._tried(self._fields, node, _FIELDS, kart, _OPTIONAL) or {}
+            number = self._tried(self._whole, fields.get('number'), f'{kart}: number')
             if number is None:
                 self._every_number_known = False
             else:
@@ -308,12 +306,11 @@ class _Parser:
                         f'(line {lines_of_numbers[number]}); give every kart its own number',
                     )
                 lines_of_numbers.setdefault(number, _line(fields['number']))
-                kart = f'kart {number}'
             team = self._tried(self._team, fields.get('team'), kart)
             address = self._tried(self._address, fields.get('address'), kart)
             if address is not None:
                 self._own(owners, address, fields['address'], kart, 'address')
-            in_race = self._tried(self._in_race, fields.get('in_race'), kart)
+            in_race = self._tried(self._truth, fields.get('in_race'), f'{kart}: in_race')
             inspected = self._tried(self._inspected, fields.get('inspected'), kart)
             transponders = self._tried(
                 self._transponders, fields.get('transponders'), kart, carriers
@@ -346,19 +343,15 @@ class _Parser:
         if not isinstance(node, yaml.SequenceNode) or not node.value:
             raise _fault(node, f'{kart}: transponders {_shown(node)} is not a list; {right}')
         for each in node.value:
-            if not (
-                isinstance(each, yaml.ScalarNode)
-                and each.value.strip()
-                and each.value.isprintable()
-                and len(each.value) <= MAX_TRANSPONDER_LENGTH
-            ):
+            name = _name(each, MAX_TRANSPONDER_LENGTH)
+            if not name:
                 raise _fault(
                     each,
                     f'{kart}: transponder {_shown(each)} is not a name; give 1 to '
                     f'{MAX_TRANSPONDER_LENGTH} printable characters, as the device reports it',
                 )
-            self._own(carriers, str(each.value).strip(), each, kart, 'transponder')
-        return tuple(str(each.value).strip() for each in node.value)
+            self._own(carriers, name, each, kart, 'transponder')
+        return tuple(_name(each, MAX_TRANSPONDER_LENGTH) for each in node.value)
 
     def _heats(self, node: yaml.Node) -> Iterator[Heat]:
         """Check each heat on its own and against the karts and yield it."""
@@ -381,21 +374,18 @@ class _Parser:
                     )
                 lines.setdefault(alike, _line(key))
             heat = f'heat {name!r}' if name is not None else 'this heat'
-            format_, laps, grid_from, auto_finish = Format.RACE, 0, '', False
+            fields = {'karts': value}
             if isinstance(value, yaml.MappingNode):
                 fields = self._tried(self._fields, value, ('karts',), heat, _OF_A_HEAT) or {}
-                format_ = self._tried(self._format, fields.get('format'), heat) or format_
-                laps = self._tried(self._laps, fields.get('laps'), heat) or laps
-                source = fields.get('grid_from')
-                grid_from = self._tried(self._grid_from, source, heat, node, name) or grid_from
-                auto = fields.get('auto_finish')
-                auto_finish = self._tried(self._auto_finish, auto, heat) or auto_finish
-                value = fields.get('karts', value)
-                if isinstance(value, yaml.MappingNode):
-                    continue  # the missing karts are reported
-            karts = self._heat_karts(value, heat)
+            format_ = self._tried(self._format, fields.get('format'), heat)
+            laps = self._tried(self._whole, fields.get('laps'), f'{heat}: laps', MOST_LAPS)
+            grid_from = self._tried(self._grid_from, fields.get('grid_from'), heat, node, name)
+            auto = self._tried(self._truth, fields.get('auto_finish'), f'{heat}: auto_finish')
+            karts = self._tried(self._heat_karts, fields.get('karts'), heat)
             if name is not None and karts:
-                yield Heat(name, tuple(sorted(karts)), format_, laps, grid_from, auto_finish)
+                in_order = tuple(sorted(karts))
+                format_ = format_ or Format.RACE
+                yield Heat(name, in_order, format_, laps or 0, grid_from or '', auto or False)
 
     def _format(self, node: yaml.Node, heat: str) -> Format:
         try:
@@ -419,24 +409,10 @@ class _Parser:
             f'format ({", ".join(each.value for each in Format)}), or leave it out',
         )
 
-    def _laps(self, node: yaml.Node, heat: str) -> int:
-        if node.tag == _INT and re.fullmatch('[1-9][0-9]{0,2}', node.value):
-            return int(node.value)
-        raise _fault(
-            node,
-            f'{heat}: laps {_shown(node)} is not valid; give 1 to {MOST_LAPS}, or leave it out',
-        )
-
-    def _auto_finish(self, node: yaml.Node, heat: str) -> bool:
-        if node.tag == _BOOL and node.value in ('true', 'false'):
-            return bool(node.value == 'true')
-        raise _fault(node, f'{heat}: auto_finish {_shown(node)} is not valid; give true or false')
-
     def _heat_name(self, node: yaml.Node) -> str:
-        if isinstance(node, yaml.ScalarNode):
-            name = str(node.value).strip()
-            if name and name.isprintable() and len(name) <= MAX_HEAT_LENGTH:
-                return name
+        name = _name(node, MAX_HEAT_LENGTH)
+        if name:
+            return name
         raise _fault(
             node,
             f'heat {_shown(node)} has no name that can be displayed; '
@@ -446,14 +422,13 @@ class _Parser:
     def _heat_karts(self, node: yaml.Node, heat: str) -> set[int]:
         karts: set[int] = set()
         if not isinstance(node, yaml.SequenceNode):
-            self._note(
+            raise _fault(
                 node, f'{heat} is not a list of karts; give their numbers, such as [1, 2, 3]'
             )
-            return karts
         if not node.value:
             self._note(node, f'{heat} is empty; give the numbers of its karts, or leave it out')
         for each in node.value:
-            number = self._tried(self._number, each, heat)
+            number = self._tried(self._whole, each, f'{heat}: number')
             if number is None:
                 continue
             if number in karts:
@@ -503,26 +478,26 @@ class _Parser:
         for key, value in node.value if isinstance(node, yaml.MappingNode) else ():
             if isinstance(key, yaml.ScalarNode) and key.value == 'number':
                 try:
-                    return self._number(value, '')
+                    return self._whole(value, '')
                 except _FaultError:
                     return None
         return None
 
-    def _number(self, node: yaml.Node, what: str) -> int:
+    def _whole(self, node: yaml.Node, what: str, most: int = MAX_NUMBER) -> int:
         # Accept only decimal numbers, because YAML would read 010 as eight and 1:30 as ninety.
-        if node.tag == _INT and re.fullmatch('[1-9][0-9]{0,3}', node.value):
+        decimal = node.tag == _INT and re.fullmatch('[1-9][0-9]{0,3}', node.value)
+        if decimal and int(node.value) <= most:
             return int(node.value)
         raise _fault(
             node,
-            f'{what}: number {_shown(node)} is not valid; '
-            f'give a whole number from 1 to {MAX_NUMBER}, without quotes',
+            f'{what} {_shown(node)} is not valid; '
+            f'give a whole number from 1 to {most}, without quotes',
         )
 
     def _team(self, node: yaml.Node, kart: str) -> str:
-        if node.tag == _STR:
-            team = str(node.value).strip()
-            if team and team.isprintable() and len(team) <= MAX_TEAM_LENGTH:
-                return team
+        team = _name(node, MAX_TEAM_LENGTH)
+        if team and node.tag == _STR:
+            return team
         raise _fault(
             node,
             f'{kart}: team {_shown(node)} is not a name; give 1 to {MAX_TEAM_LENGTH} printable '
@@ -547,11 +522,11 @@ class _Parser:
             )
         return str(address)
 
-    def _in_race(self, node: yaml.Node, kart: str) -> bool:
+    def _truth(self, node: yaml.Node, what: str) -> bool:
         if node.tag != _BOOL:
             raise _fault(
                 node,
-                f'{kart}: in_race {_shown(node)} is neither true nor false; '
+                f'{what} {_shown(node)} is neither true nor false; '
                 'give one of the two, without quotes',
             )
         return str(node.value).lower() in ('true', 'yes', 'on')
@@ -591,6 +566,12 @@ CUT = (
     "' #' begins a comment and cuts off the rest; put the text into quotes, or the comment on a "
     'line of its own'
 )
+
+
+def _name(node: yaml.Node, most: int) -> str:
+    """Return the name in a scalar; empty if it is not 1 to `most` printable characters."""
+    name = str(node.value).strip() if isinstance(node, yaml.ScalarNode) else ''
+    return name if name.isprintable() and len(name) <= most else ''
 
 
 def _is_text(scalar: str) -> bool:

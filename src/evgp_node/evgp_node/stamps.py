@@ -24,7 +24,6 @@ def stamp_of(nanoseconds: int) -> Time:
 
 
 def seconds_of(time: Time | Duration) -> float:
-    """Return a message's time in seconds."""
     return float(time.sec) + float(time.nanosec) / NS
 
 

@@ -21,7 +21,7 @@ from evgp_node.encoding import DAMAGED, reader, written
 
 _Entry = TypeVar('_Entry')
 
-SCHEMA_VERSION = 11
+SCHEMA_VERSION = 12
 """The ``user_version`` of the files that contain such streams."""
 
 BOOK = 'timing.sqlite3'
@@ -60,7 +60,6 @@ class Gap(NamedTuple):
     damaged: bool = False
 
     def __str__(self) -> str:
-        """Return the gap as a clause."""
         many = {0: 'entries are', 1: '1 entry is'}.get(self.entries, f'{self.entries} entries are')
         return f'{many} missing: {self.why}'
 

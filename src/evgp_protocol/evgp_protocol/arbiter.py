@@ -125,9 +125,9 @@ class Settings:
         team stop; with 0, no contact is wired.
     :ivar team_timeout: time without a sign that the bridge receives its team's messages after
         which this counts as a team stop; with 0, no sign is required.
-    :ivar odometry_required: refuse to acknowledge a red state unless odometry shows a standstill,
-        GREEN_GREEN unless it shows motion (§3.A), and GRID_ACTIVE while there is none. Once any
-        odometry was heard, and with `auto_acknowledge_stop`, this always applies.
+    :ivar odometry_required: refuse to acknowledge GRID_ACTIVE or a red state unless odometry shows
+        a standstill, and GREEN_GREEN unless it shows motion (§3.A). Once any odometry was heard,
+        and with `auto_acknowledge_stop`, this always applies.
     :ivar auto_acknowledge_stop: acknowledge the red states when odometry shows a standstill.
     :ivar standstill_speed: maximum speed of a kart that stands still; 0 or more.
     :ivar standstill_time: uninterrupted time at standstill after which the kart has stopped; 0 or
@@ -369,17 +369,16 @@ class Arbiter:
         self._lose(f'not connected to race control: {reason}')
         return self._reaction(give_up)
 
-    def heard(self, state: RaceState, now: float, waited: bool = False) -> Reaction:
+    def heard(self, state: RaceState, now: float, since: float | None = None) -> Reaction:
         """
         Handle a frame from race control. Without a connection it is too late, and ignored.
 
-        :param waited: whether the frame may have waited because the kart was held up. The kart
-            obeys such a frame, but it does not show that race control is still there.
+        :param since: a time before which the frame had not arrived; None for `now`. The silence
+            counts from then, because the frame may have waited until the kart read it.
         """
         give_up = self._pass(now)
         if self._open:
-            if not waited:
-                self._heard_at = now
+            self._heard_at = max(self._heard_at, now if since is None else since)
             if state is not self._commanded:
                 self._command(state, now)
         return self._reaction(give_up)
@@ -561,13 +560,12 @@ class Arbiter:
                 f'race control commands {verdict.commanded.value}, not {state.value}: '
                 f'acknowledge {verdict.commanded.value} once the kart has reached it'
             )
-        if state is not RaceState.IN_GARAGE and (missing := self.missing_odometry):
+        if state is RaceState.IN_GARAGE or not self._odometry_expected:
+            return None
+        if missing := self.missing_odometry:
             return missing
-        if state.is_red and self._odometry_expected:
-            return self._motion() or None
-        if state is RaceState.GREEN_GREEN and self._odometry_expected:
-            return self._standstill() or None
-        return None
+        wrong = self._standstill() if state is RaceState.GREEN_GREEN else self._motion()
+        return wrong or None
 
     def _reached(self, state: RaceState) -> RaceState | None:
         """Return what to acknowledge once a kart that obeys `state` has reached it."""

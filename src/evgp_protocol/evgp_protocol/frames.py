@@ -85,9 +85,9 @@ class FrameDecoder:
     """
 
     def __init__(self, ready_is_grid_active: bool = False) -> None:
-        self._states = {state.value.encode('ascii'): state for state in RaceState}
+        self._valid = {state.value.encode('ascii'): StateFrame(state) for state in RaceState}
         if ready_is_grid_active:
-            self._states[b'READY'] = RaceState.GRID_ACTIVE
+            self._valid[b'READY'] = StateFrame(RaceState.GRID_ACTIVE)
         self._frame = b''  # the frame so far, '$' included; empty outside a frame
         self._skipping = False
 
@@ -150,11 +150,8 @@ class FrameDecoder:
         if last != b';':
             self._give_up('a byte that is not ASCII in a frame', events)
             return end
-        state = self._states.get(self._frame[1:-1])
-        if state is not None:
-            events.append(StateFrame(state))
-        else:
-            events.append(MalformedFrame('not the name of a race state', self._frame))
+        valid = self._valid.get(self._frame[1:-1])
+        events.append(valid or MalformedFrame('not the name of a race state', self._frame))
         self._frame = b''
         return end
 

@@ -33,7 +33,7 @@ class Kart:
 
     Every input carries its time, in seconds, from a clock that cannot be set and that keeps
     running during suspend: `evgp_protocol.clock.now`. If a time is before an earlier one, the
-    connection counts as lost.
+    connection counts as lost. It is also lost after `Settings.frame_timeout` without a `tick`.
 
     :ivar malformed: number of malformed frames so far.
     """
@@ -42,6 +42,9 @@ class Kart:
         self.malformed = 0
         self._arbiter = Arbiter(settings or Settings(), first_order=1)
         self._decoder: FrameDecoder | None = None  # of the current connection, if any
+        # The last two ticks. What is read now arrived after the first of them: otherwise, it would
+        # have been read before the second.
+        self._turn = self._turn_before = 0.0
         self._said_order = 0
         self._heard_since_said = False
         # IN_GARAGE is not acknowledged yet, which must happen before any other acknowledgement.
@@ -58,12 +61,14 @@ class Kart:
         return self._decoder is not None
 
     def tick(self, now: float) -> None:
-        """Let time pass. Call it in every turn of the loop that brakes."""
+        """Let time pass. Call it once in every turn of the loop that brakes."""
+        self._turn_before, self._turn = self._turn, now
         self._follow(self._arbiter.tick(now))
 
     def connected(self, now: float) -> None:
         """Begin a new connection to race control; the previous one counts as lost."""
         self._arbiter.connected(now)
+        self._turn = self._turn_before = now
         self._decoder, self._garage_owed = FrameDecoder(), False
 
     def closed(self, now: float, reason: str = 'the connection is closed') -> None:
@@ -75,15 +80,17 @@ class Kart:
         """
         Handle what arrived on the current connection: any number of bytes, split anywhere.
 
-        Read everything before you look at the verdict, so that the kart obeys the last frame.
+        Read everything before you look at the verdict, so that the kart obeys the last frame. A
+        frame may have waited while the kart was held up, so silence counts from the tick before
+        the last one.
         """
-        self.tick(now)  # frames that arrive after the timeout are too late
+        self._follow(self._arbiter.tick(now))  # frames that arrive after the timeout are too late
         for event in self._decoder.feed(data) if self._decoder else []:
             if isinstance(event, StateFrame):
                 self._heard_since_said = True
                 if event.state is RaceState.IN_GARAGE is not self.verdict.commanded:
                     self._garage_owed = True
-                self._follow(self._arbiter.heard(event.state, now))
+                self._follow(self._arbiter.heard(event.state, now, self._turn_before))
             else:
                 self.malformed += 1
 
@@ -118,7 +125,7 @@ class Kart:
             order is over, if the arbiter refuses, or if they would repeat the last acknowledgement
             although no frame has arrived since.
         """
-        self.tick(now)
+        self._follow(self._arbiter.tick(now))
         reached = self.verdict.reached
         if reached is None:
             return b''

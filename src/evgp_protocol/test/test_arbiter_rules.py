@@ -264,8 +264,6 @@ class Oracle:
         speeds = self._sure_speeds(0)
         if not speeds or self.now - speeds[-1].at > 0.5:
             return False
-        if state is GRID:
-            return True
         speed, limit = speeds[-1].value, self.settings.standstill_speed
         return bool(speed > limit if state is GREEN else speed <= limit)
 
@@ -575,7 +573,9 @@ any number will do: _refusal: never order verdict
 acknowledges what is not commanded: _refusal: never reached
 acknowledges grid under a team stop: _reached: never _commanded to_race
 refuses a red under a team stop: _reached: _commanded to_race => state is not self._commanded
-acknowledges a red while moving: [acknowledges by itself] _refusal: without _motion
+acknowledges a red while moving: [acknowledges by itself] _refusal: _motion ( ) => ''
+a kart that moves is ready for the grid: [odometry required] _refusal: _motion ( ) => state.is_red
+    and it
 no number is slow enough for a red: [acknowledges by itself] _motion: _speed <= => not self._speed
     > limit
 acknowledges green while it stands: [odometry required] _standstill: always _speed
@@ -585,7 +585,7 @@ required odometry is not missed: [odometry required] __init__: without odometry_
 odometry that acknowledges is not missed: [acknowledges by itself] __init__: without
     auto_acknowledge_stop
 odometry that was lost is not missed: [odometry heard] speed: skips _odometry_expected
-a kart without odometry is ready for the grid: [odometry required] _refusal: IN_GARAGE
+a kart without odometry is ready for the grid: [odometry required] _refusal: missing
     missing_odometry => state is not RaceState.GRID_ACTIVE and it
 odometry of old shows a standstill: [odometry required] _refusal: missing_odometry =>
     math.isinf(self._speed_at) and it
@@ -898,10 +898,11 @@ def test_a_clock_that_goes_back_ends_the_connection_and_all_that_was_heard_is_to
     assert not answer.accepted
 
 
-def test_a_frame_that_waited_is_obeyed_but_does_not_end_the_silence() -> None:
+def test_silence_counts_from_when_a_frame_that_is_obeyed_had_not_arrived_yet() -> None:
     arbiter = Arbiter(Settings(), FIRST_ORDER)
     arbiter.connected(0.0)
     arbiter.heard(RaceState.IN_GARAGE, 0.0)
-    assert arbiter.heard(RED, 0.9, waited=True).verdict.commanded is RED
-    assert arbiter.deadline == 1.0
-    assert arbiter.heard(RED, 1.0).give_up is not None
+    for since, deadline in ((-1.0, 1.0), (0.25, 1.25)):
+        assert arbiter.heard(RED, 0.9, since).verdict.commanded is RED
+        assert arbiter.deadline == deadline
+    assert arbiter.heard(RED, 1.25).give_up is not None

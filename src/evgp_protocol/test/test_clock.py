@@ -12,6 +12,7 @@ import sys
 import time
 
 from evgp_protocol import clock
+from evgp_protocol.loop import run
 import pytest
 
 
@@ -42,7 +43,7 @@ def test_the_loop_goes_by_that_clock(monkeypatch: pytest.MonkeyPatch) -> None:
         await sleeping
         return time.monotonic() - began
 
-    assert clock.run(sleep_over_a_suspend()) < 60.0
+    assert run(sleep_over_a_suspend()) < 60.0
 
 
 def test_run_returns_what_the_coroutine_returns_and_raises_what_it_raises() -> None:
@@ -52,9 +53,9 @@ def test_run_returns_what_the_coroutine_returns_and_raises_what_it_raises() -> N
     async def fail() -> None:
         raise LookupError('gone')
 
-    assert clock.run(give()) == 7
+    assert run(give()) == 7
     with pytest.raises(LookupError, match='gone'):
-        clock.run(fail())
+        run(fail())
 
 
 def test_run_cancels_what_is_left_and_closes_its_loop() -> None:
@@ -73,7 +74,7 @@ def test_run_cancels_what_is_left_and_closes_its_loop() -> None:
         await asyncio.sleep(0)
         assert not task.done()
 
-    clock.run(main())
+    run(main())
     assert ended == ['task']
     assert loops[0].is_closed()
 
@@ -93,13 +94,13 @@ def test_what_a_cancelled_task_raises_is_reported() -> None:
         kept.append(loop.create_task(linger()))
         await asyncio.sleep(0)
 
-    clock.run(main())
+    run(main())
     assert reported == ['too late']
 
 
 def test_it_needs_no_more_than_the_standard_library() -> None:
     code = (
-        'import sys; import evgp_protocol.clock; '
+        'import sys; import evgp_protocol.loop; '
         'print(sorted({name.split(".")[0] for name in sys.modules} '
         '- sys.stdlib_module_names - {"__main__", "evgp_protocol"}))'
     )

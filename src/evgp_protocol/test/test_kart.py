@@ -43,6 +43,18 @@ def test_a_second_of_silence_is_a_lost_connection_and_what_waited_comes_too_late
     assert (kart.verdict.commanded, kart.is_open) == (None, False)
 
 
+def test_what_waited_while_the_kart_was_held_up_is_obeyed_but_does_not_end_the_silence() -> None:
+    kart = connected()
+    race(kart)
+    kart.tick(0.0625)  # all that had arrived by now was read
+    kart.tick(0.875)
+    kart.received(b'$RED_FLAG;', 0.9375)
+    assert kart.verdict.commanded is RaceState.RED_FLAG
+    for at, is_open in ((1.0, True), (1.0625, False)):
+        kart.tick(at)
+        assert kart.is_open is is_open
+
+
 def test_half_a_frame_of_a_connection_is_not_ended_by_the_next() -> None:
     kart = connected()
     kart.received(b'$IN_', 0.1)
@@ -82,10 +94,10 @@ def test_a_garage_that_the_next_frame_overtakes_is_said_before_the_word_for_that
     kart.received(b'$RED_RED;', 0.1)
     assert kart.acknowledge(kart.verdict.order, 0.1) == b'$RED_RED;'
     # Or race control would take the next RED_RED for an answer to the first.
-    kart.received(b'$IN_GARAGE;$RED_RED;', 0.9)
-    assert kart.acknowledge(kart.verdict.order, 0.9) == b'$IN_GARAGE;$RED_RED;'
-    kart.received(b'$RED_RED;', 1.0)
-    assert kart.acknowledge(kart.verdict.order, 1.0) == b'$RED_RED;'
+    kart.received(b'$IN_GARAGE;$RED_RED;', 0.8)
+    assert kart.acknowledge(kart.verdict.order, 0.8) == b'$IN_GARAGE;$RED_RED;'
+    kart.received(b'$RED_RED;', 0.9)
+    assert kart.acknowledge(kart.verdict.order, 0.9) == b'$RED_RED;'
 
 
 def test_a_garage_of_a_connection_that_is_lost_is_not_said_on_the_next() -> None:

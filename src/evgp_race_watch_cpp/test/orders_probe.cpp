@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <iostream>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -16,6 +17,7 @@ using evgp_race_watch_cpp::Order;
 using evgp_race_watch_cpp::Orders;
 using evgp_race_watch_cpp::race_state;
 using evgp_race_watch_cpp::Said;
+using evgp_race_watch_cpp::valid_lease;
 
 int main()
 {
@@ -52,6 +54,12 @@ int main()
     } else if (word == "look") {
       orders->look(now);
       others->look(now);
+    } else if (word == "lease") {
+      try {
+        valid_lease(now);
+      } catch (const std::invalid_argument &) {
+        asks = true;
+      }
     } else if (word == "ask_with_anothers") {
       asks = orders->asks(others->order(now), now);
     } else {

@@ -23,6 +23,14 @@ from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
 GREEN_GREEN, RED_FLAG, RED_RED = RaceState.GREEN_GREEN, RaceState.RED_FLAG, RaceState.RED_RED
 
+GONE_AFTER = 0.9
+"""
+Time without a snapshot after which race control counts as gone, in seconds.
+
+Race control publishes a snapshot at least every 0.5 s. When race control is gone, officials must
+know within 1 s.
+"""
+
 
 class Tone(enum.Enum):
     """How a text stands out: by a colour, and always by a word or a symbol as well."""

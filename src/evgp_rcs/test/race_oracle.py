@@ -223,7 +223,6 @@ class View(NamedTuple):
     track_open: bool
     msr_used: bool
     over: bool
-    places: int
     past_unknown: bool
     unstated: bool
     rival: bool
@@ -243,10 +242,7 @@ class KartFacts(NamedTuple):
     What the oracle remembers of one kart, from the inputs alone.
 
     :param ready: it answered the present GRID_ACTIVE on its present connection.
-    :param lost: it dropped in a race under way or in motion, and nobody has answered for it since.
     :param phase: 0 after a red, 1 after IN_GARAGE, 2 after IN_GARAGE and then GRID_ACTIVE.
-    :param missing: since when it is missing, if it dropped from a race or in motion; in motion,
-        until it stands.
     :param stood: since when it has stood by its acknowledgement of the red it is sent, and race
         control would have heard it take that back.
     :param poor: its link was poor when last measured on its present connection.
@@ -255,9 +251,7 @@ class KartFacts(NamedTuple):
     """
 
     ready: bool = False
-    lost: bool = False
     phase: int = 1
-    missing: float | None = None
     stood: float | None = None
     poor: bool = False
     undone: int = 0
@@ -269,7 +263,6 @@ class Facts(NamedTuple):
     What the oracle remembers: of the race, and of each kart.
 
     :param grid_last: GRID_ACTIVE was the last button.
-    :param paused: until when what loosens is refused.
     :param superseded: the start that waits was given for an earlier GRID_ACTIVE.
     :param heat: the heat that was last put into the race, or at first the only one with its karts;
         None: not looked at.
@@ -279,7 +272,6 @@ class Facts(NamedTuple):
     """
 
     grid_last: bool
-    paused: float
     karts: tuple[KartFacts, ...]
     superseded: bool = False
     heat: str | None = ''
@@ -361,7 +353,6 @@ _RACE = operator.attrgetter(
     'track_open',
     'msr_used',
     'over',
-    'places_given',
     'past_unknown',
     'unstated',
     'has_rival',
@@ -400,10 +391,10 @@ def remember(view: View) -> Facts:
     racing = [kart.number for kart in view.karts if kart.in_race]
     alike = [heat.name for heat in view.heats if sorted(heat.karts) == sorted(racing)]
     heat = alike[0] if len(alike) == 1 else ''
-    return Facts(False, view.paused, tuple(KartFacts() for _ in view.karts), heat=heat)
+    return Facts(False, tuple(KartFacts() for _ in view.karts), heat=heat)
 
 
-def recall(view: View, now: float, heat: str | None = '') -> Facts:
+def recall(view: View, heat: str | None = '') -> Facts:
     """
     Return the memory with which the oracle begins after a restart.
 
@@ -411,11 +402,7 @@ def recall(view: View, now: float, heat: str | None = '') -> Facts:
     """
     return Facts(
         False,
-        view.paused,
-        tuple(
-            KartFacts(lost=True, phase=0, missing=now if kart.doubt else None)
-            for kart in view.karts
-        ),
+        tuple(KartFacts(phase=0) for _ in view.karts),
         heat=heat,
         race=int(bool(view.starters)),
     )
@@ -476,8 +463,13 @@ def _is_unanswered(view: View, kart: KartView) -> bool:
 
 
 def _unfit(view: View) -> tuple[int, ...]:
-    """Return who must not be near a race that starts, whatever karts answer."""
-    return _as_named(k for k in view.karts if k.moving or (k.doubt and not k.in_race))
+    """Return with whom no race starts, whatever karts answer."""
+    racing = [kart for kart in view.karts if kart.in_race]
+    return (
+        tuple(kart.number for kart in racing if kart.hold is not None)
+        or tuple(kart.number for kart in racing if kart.contested)
+        or _as_named(k for k in view.karts if k.moving or (k.doubt and not k.in_race))
+    )
 
 
 def _red(kart: KartView) -> bool:
@@ -505,26 +497,21 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     numbers = tuple(kart.number for kart in racing)
     state = view.state
     if kind == 'GRID_ACTIVE':
-        held = tuple(kart.number for kart in racing if kart.hold is not None)
-        held = held or _unfit(view)
-        held = held or tuple(kart.number for kart in racing if kart.contested)
-        held = held or tuple(kart.number for kart in racing if kart.barred)
+        unfit = tuple(kart.number for kart in racing if kart.barred) or _unfit(view)
         in_time = state in (IN_GARAGE, GRID_ACTIVE) and bool(racing)
-        allowed = in_time and not held and not view.trouble
-        return Judgement(allowed, True, held * in_time, numbers)
+        allowed = in_time and not unfit and not view.trouble
+        return Judgement(allowed, True, unfit * in_time, numbers)
     if kind == 'GREEN_GREEN':
         missing = tuple(
             kart.number
             for kart, memory in zip(view.karts, facts.karts, strict=True)
             if kart.in_race and not (kart.connected and memory.ready and kart.acked)
         )
-        missing = tuple(kart.number for kart in racing if kart.hold is not None) or missing
-        missing = missing or tuple(kart.number for kart in racing if kart.contested)
-        missing = missing or _unfit(view)
+        missing = _unfit(view) or missing
         in_time = state is GRID_ACTIVE and facts.grid_last and bool(racing)
         allowed = in_time and not missing and view.start is None and not view.trouble
         allowed = allowed and not _nobody(view, facts)
-        return Judgement(allowed, False, missing * in_time, numbers)
+        return Judgement(allowed, False, missing * (in_time and not view.trouble), numbers)
     if kind == 'RACE_OVER':
         return Judgement(state is not IN_GARAGE)
     if kind == 'IN_GARAGE':
@@ -600,9 +587,9 @@ def as_seen(view: View, given: Input) -> Input:
     return given
 
 
-def is_paused(facts: Facts, kind: str, came: float) -> bool:
+def is_paused(view: View, kind: str, came: float) -> bool:
     """Return whether a command that came then may have been sent before a stop was seen."""
-    return kind in LOOSENING and came < facts.paused
+    return kind in LOOSENING and came < view.paused
 
 
 def of_start(start: StartView) -> Input:
@@ -636,7 +623,7 @@ def fate(
         given = of_start(start)
     opinion = opinion or judge(view, facts, given.kind, given.kart)
     stated = given.statement or not opinion.needs_statement
-    late = is_paused(facts, given.kind, now if given.came is None else given.came)
+    late = is_paused(view, given.kind, now if given.came is None else given.came)
     if late or not (
         opinion.allowed
         and stated
@@ -743,8 +730,8 @@ def expect(
     :param becomes: what becomes of the command, or of the start that waits (``fate``).
     :param abandoned: nobody has been there for too long (``is_abandoned``).
     """
-    state, track_open, msr_used, over, places, past_unknown, unstated, rival, cut = view[:9]
-    trouble, heats, starters, paused, start, there, opening, karts = view[9:]
+    state, track_open, msr_used, over, past_unknown, unstated, rival, cut = view[:8]
+    trouble, heats, starters, paused, start, there, opening, karts = view[8:]
     what, kind, number = given.what, given.kind, given.kart
     if kind in STOPS:
         paused = max(paused, now + times.pause)
@@ -828,7 +815,7 @@ def expect(
     elif kind == 'GRID_ACTIVE' and state is GRID_ACTIVE:
         pass
     elif kind == 'GRID_ACTIVE':
-        state, msr_used, places, starters, track_open = GRID_ACTIVE, False, 0, (), False
+        state, msr_used, starters, track_open = GRID_ACTIVE, False, (), False
         for each in after:
             each['place'] = 0
     elif kind == 'GREEN_GREEN':
@@ -847,12 +834,10 @@ def expect(
             if (_stands(old) and not kept) or _is_away(old) or _is_covered(view, old):
                 each['hold'], each['alone'] = None, False
     elif kind == 'KART_FINISH':
-        places += 1
-        mine[0]['place'] = places
+        place = mine[0]['place'] = 1 + max(each['place'] for each in after)
         delays = times.finish_delays
-        mine[0]['finish_at'] = now + delays[min(places, len(delays)) - 1]
+        mine[0]['finish_at'] = now + delays[min(place, len(delays)) - 1]
     elif kind == 'KART_UNDO_FINISH':
-        places -= 1
         gone = mine[0]['place']
         for each in after:
             each['place'] -= each['place'] > gone
@@ -883,7 +868,7 @@ def expect(
         hold(after, RED_RED)
     _settle(state, after, anew, now, past_unknown)
     seen = tuple([_kart_view(each.values()) for each in after])
-    race = (state, track_open, msr_used, over, places, past_unknown, unstated, rival, cut)
+    race = (state, track_open, msr_used, over, past_unknown, unstated, rival, cut)
     return View(*race, trouble, heats, starters, paused, start, there, opening, seen)
 
 
@@ -943,7 +928,7 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
     """Return the alerts of docs/rules.md: which, and of which kart."""
     alerts = set()
     for kart, memory in zip(view.karts, facts.karts, strict=True):
-        if memory.missing is not None:
+        if kart.lost is not None:
             if kart.moving:
                 alerts.add(('LOST_IN_MOTION', kart.number))
             elif not kart.connected:
@@ -963,7 +948,7 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
         if kart.sent is GREEN_GREEN and now >= kart.since + times.green_alert:
             alerts.add(('GREEN_UNACKNOWLEDGED', kart.number))
         # A kart that was not lost in motion has the whole time from when it comes.
-        since = kart.since if memory.missing is not None else max(kart.since, memory.joined)
+        since = kart.since if kart.lost is not None else max(kart.since, memory.joined)
         if kart.sent is RED_FLAG and now >= since + times.flag_alert:
             alerts.add(('FLAG_UNACKNOWLEDGED', kart.number))
         if kart.sent is RED_RED and now >= since + times.red_alert:
@@ -982,7 +967,7 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
 
 
 def learn(
-    before: View, facts: Facts, given: Input, becomes: str, after: View, now: float, times: Any
+    before: View, facts: Facts, given: Input, becomes: str, after: View, now: float
 ) -> Facts:
     """
     Return what the oracle remembers after an input.
@@ -991,16 +976,7 @@ def learn(
     """
     if after == before and given.what == 'heard':
         return facts
-    grid_last, paused = facts.grid_last, facts.paused
-    if given.kind in STOPS:
-        paused = max(paused, now + times.pause)
-    elif given.what == 'held up':
-        paused = max(paused, now + max(times.pause, times.pause_after_stall))
-    elif is_abandoned(before, facts, given, now, times) and before.state in IN_MOTION:
-        # Unless the race is over at the same time, which stops it more strictly.
-        paused = paused if after.over else max(paused, now + times.pause)
-    elif is_cut_off(before, given, now):
-        paused = max(paused, now + times.pause)
+    grid_last, _, superseded, heat, met, left, race = facts
     success = becomes == 'accepted'
     if success and given.what == 'journal':
         assert before.start is not None
@@ -1008,42 +984,27 @@ def learn(
     if given.what == 'command' and success and given.kind not in NO_BUTTON:
         grid_last = given.kind == 'GRID_ACTIVE'
     gridded = given.kind == 'GRID_ACTIVE' and success and before.state is IN_GARAGE
-    superseded = after.start is not None and before.start is not None
-    superseded = superseded and (facts.superseded or (given.kind == 'GRID_ACTIVE' and success))
-    met, left = facts.met, facts.left
+    superseded = superseded or (given.kind == 'GRID_ACTIVE' and success)
+    superseded = superseded and after.start is not None and before.start is not None
     if given.what == 'there':
         met = met or given.statement
         left = now if before.there.able and not given.statement else left
     met = before.there.able if gridded else met
-    facts = facts._replace(met=met, left=left, race=facts.race + gridded)
-    if given.kind == 'SET_HEAT' and success and facts.heat is not None:
-        facts = facts._replace(heat=given.heat)
+    if given.kind == 'SET_HEAT' and success and heat is not None:
+        heat = given.heat
     karts = []
     for old, kart, memory in zip(before.karts, after.karts, facts.karts, strict=True):
-        ready, lost, phase, missing, stood, poor, undone, joined = memory
+        ready, phase, stood, poor, undone, joined = memory
         if given.what == 'command' and success:
             if gridded:
                 ready, undone = False, 0
             if given.kind == 'KART_UNDO_FINISH' and given.kart == kart.number:
                 undone += 1
-            if given.kind == 'IN_GARAGE' and _stands(old):
-                lost = lost and old.alone and not old.in_race
-            if given.kind == 'IN_GARAGE' and _is_away(old):
-                lost = False
-            if given.kind == 'IN_GARAGE' and _is_covered(before, old):
-                lost, missing = False, None
-            if given.kind == 'KART_IN_GARAGE' and given.kart == kart.number:
-                lost, missing = False, None
         if given.kart == kart.number:
             if given.what == 'connected' or given.what == 'disconnected':
                 ready = poor = False
-                under_way = old.in_race and before.state is not IN_GARAGE
-                if old.connected:
-                    lost = lost or old.moving or (old.in_race and before.state in UNDER_WAY)
-                    if missing is None and (under_way or old.doubt):
-                        missing = now
             if given.what == 'connected':
-                joined, missing = now, missing if old.moving else None
+                joined = now
             if given.what == 'measured' and old.connected:
                 poor = given.statement
             if given.what == 'heard' and old.connected:
@@ -1057,8 +1018,6 @@ def learn(
             stood = None
         if given.what == 'held up' and stood is not None:
             stood = now
-        if given.what in ('heard', 'tick') and old.doubt and not kart.doubt:
-            missing = None
         if kart.sent is RED_RED or kart.sent is RED_FLAG:
             phase = 0
         elif kart.sent is IN_GARAGE:
@@ -1066,8 +1025,8 @@ def learn(
         elif kart.sent is GRID_ACTIVE and phase == 1:
             phase = 2
         ready = ready and kart.sent is GRID_ACTIVE
-        karts.append(KartFacts(ready, lost, phase, missing, stood, poor, undone, joined))
-    return Facts(grid_last, paused, tuple(karts), superseded, *facts[4:])
+        karts.append(KartFacts(ready, phase, stood, poor, undone, joined))
+    return Facts(grid_last, tuple(karts), superseded, heat, met, left, race + gridded)
 
 
 # ----- the properties ---------------------------------------------------------------------
@@ -1157,12 +1116,12 @@ def check_input(
     if opinion is not None:
         if kind in STOPS and (given.statement or kind != 'RECORD_MSR') and not success:
             raise RuleBrokenError('stop-refused', f'{given} in {before}: {outcome.answer.message}')
-        late = is_paused(facts, kind, now if given.came is None else given.came)
+        late = is_paused(before, kind, now if given.came is None else given.came)
         if success and late and opinion.allowed:
             raise RuleBrokenError('pause', f'{given} in {before}: {outcome.answer}')
-        seen = _is_as_seen(before, given)
-        stated = given.statement or not opinion.needs_statement
         if success != (becomes != 'refused'):
+            seen = _is_as_seen(before, given)
+            stated = given.statement or not opinion.needs_statement
             message = '' if waits else outcome.answer.message
             name = 'availability' if not opinion.allowed else 'as-seen'
             if success and _is_barred(before, given):
@@ -1181,7 +1140,7 @@ def check_input(
             if after != unchanged or outcome.orders:
                 raise RuleBrokenError('refused-changes', f'{given}: {before} became {after}')
             _check_refusal(race, given, opinion, outcome, late)
-            return learn(before, facts, given, becomes, after, now, race.times)
+            return learn(before, facts, given, becomes, after, now)
     _check_start(before, facts, given, outcome, after, becomes)
     started = becomes == 'accepted' and what == 'journal'
     if started:
@@ -1190,7 +1149,7 @@ def check_input(
         what, kind = given.what, given.kind
     _check_safety(before, facts, given, outcome, after, now, race.times.settle)
     _check_cause(race, before, given, outcome, after)
-    memory = learn(before, facts, given, becomes, after, now, race.times)
+    memory = learn(before, facts, given, becomes, after, now)
     if what in ('connected', 'disconnected') and not is_cut_off(before, given, now):
         _check_alarms(
             what,
@@ -1254,14 +1213,15 @@ def _check_start(
         assert before.start is not None
         name = 'start-answer'
         if outcome.answer.success:
-            late = is_paused(facts, 'GREEN_GREEN', before.start.came)
+            late = is_paused(before, 'GREEN_GREEN', before.start.came)
             name = 'start-other-grid' if facts.superseded else 'pause' if late else 'start-first'
         raise broken(name)
     if outcome.start is not None:
         written = outcome.start.memory
         known = [written.karts[kart.number] for kart in before.karts if kart.in_race]
         started = all(kart.in_race and kart.doubt == MOVING for kart in known)
-        if written.state is not GREEN_GREEN or not started:
+        starters = tuple(kart.number for kart in before.karts if kart.in_race)
+        if written.state is not GREEN_GREEN or not started or written.starters != starters:
             raise broken('restart')
 
 
@@ -1293,10 +1253,13 @@ def _check_safety(
 ) -> None:
     """Check the S rules that need no expectation of the effect."""
     what, kind, number = given.what, given.kind, given.kart
-    changed = after._replace(paused=before.paused) != before or bool(outcome.orders)
     if after.track_open and after.state in IN_MOTION:
         raise RuleBrokenError('track-open-in-motion', f'{given}: {before} became {after}')
-    if kind in STOPS and changed and _in_force(before, kind, number):
+    if (
+        kind in STOPS
+        and _in_force(before, kind, number)
+        and (outcome.orders or after._replace(paused=before.paused) != before)
+    ):
         raise RuleBrokenError('stop-idempotent', f'{given}: {before} became {after}')
     ordered: dict[int, Any] = {}
     for order in outcome.orders:
@@ -1506,13 +1469,10 @@ def check_recovery(
         raise broken('what was sent to the last run is taken: ')
     if again.availability(rules.CommandKind.OPEN_TRACK, 0, now).available:
         raise broken()
-    of_race = {kart.number for kart in after.karts if kart.in_race or kart.place}
-    placed = any(kart.place for kart in after.karts)
-    due = view.state in (GREEN_GREEN, RED_FLAG) or (view.state is RED_RED and placed)
-    if set(after.starters) != (of_race if due and known else set()):
-        raise broken()
     remembered = {old.number: old for old in view.karts} if known else {}
     found = {kart.number: kart for kart in after.karts}
+    if after.starters != tuple(number for number in view.starters * known if number in found):
+        raise broken()
     for number, old in remembered.items():
         gone = number not in roster
         forgotten = gone and not (old.in_race or old.hold or old.doubt)
@@ -1548,7 +1508,7 @@ def check_recovery(
                 expected = expected._replace(in_race=old.in_race, place=old.place)
         if kart != expected:
             raise broken(f'{kart}, expected {expected}: ')
-    check_state(again, after, recall(after, now, None), now)
+    check_state(again, after, recall(after, None), now)
 
 
 def _in_force(view: View, kind: str, number: int) -> bool:
@@ -1573,8 +1533,6 @@ def _check_memory(after: View, facts: Facts) -> None:
     for kart, memory in zip(after.karts, facts.karts, strict=True):
         if kart.sent is GREEN_GREEN and memory.phase != 2:
             raise RuleBrokenError('red-to-green', f'{kart} {memory}')
-        if memory.lost and not (kart.hold is RED_RED and kart.sent is RED_RED):
-            raise RuleBrokenError('hold-forgotten', f'lost, but {kart}')
 
 
 def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any, late: bool) -> None:
@@ -1598,7 +1556,7 @@ def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any, la
         named = (given.kart,)
     elif (
         opinion.allowed
-        and ('changed since you looked' in message or 'name the karts' in message)
+        and 'changed since you looked' in message
         and any(str(number) not in message for number in given.karts ^ set(opinion.karts))
     ):
         raise RuleBrokenError('refusal-silent', f'{message} does not name the difference')
@@ -1675,10 +1633,11 @@ def check_announced(
     """Check the announced availability of a command against the oracle's judgement."""
     opinion = judge(view, facts, kind, number)
     told = race.availability(rules.CommandKind[kind], number, now)
-    paused = opinion.allowed and is_paused(facts, kind, now)
-    opinion = opinion._replace(allowed=opinion.allowed and not paused)
-    if told.available_from != (facts.paused if paused else None):
-        raise RuleBrokenError('available-from', f'{told}, paused until {facts.paused} in {view}')
+    paused = opinion.allowed and is_paused(view, kind, now)
+    if paused:
+        opinion = opinion._replace(allowed=False)
+    if told.available_from != (view.paused if paused else None):
+        raise RuleBrokenError('available-from', f'{told} in {view}')
     if told.available != opinion.allowed or told.command.name != kind:
         raise RuleBrokenError('availability', f'{told}, expected {opinion} in {view}')
     if told.available and bool(told.statement) != opinion.needs_statement:
@@ -1763,8 +1722,8 @@ class Search:
     - that a finish is due, where its RED_FLAG can change nothing, and the race does not wait for
       it to go over by itself;
     - the acknowledgement of IN_GARAGE and GREEN_GREEN: no rule asks for it;
-    - the number of a place, and how many are given: only whether a kart has one in a race whose
-      results are not told yet (later nothing but the telling reads it), which says how many have;
+    - the number of a place: only whether a kart has one in a race whose results are not told yet
+      (later nothing but the telling reads it), which says how many have;
     - who started the race whose results are not told yet: only the telling reads it;
     - the number of the race, and how often a finish was undone: a FINISH names what is shown, or
       something else;
@@ -1976,10 +1935,12 @@ class Search:
             if self.begin == 'crash on the grid':
                 doubt, state = self.rules.Doubt.GRID, GRID_ACTIVE
             kart = self.rules.KartMemory(True, False, 0, doubt, False)
-            memory = self.rules.RaceMemory(state, dict.fromkeys(racing, kart))
+            starters = tuple(racing) * (state is GREEN_GREEN)
+            karts = dict.fromkeys(racing, kart)
+            memory = self.rules.RaceMemory(state, karts, starters=starters)
             known = None if self.begin == 'unknown' else memory
             self.race.recover(known, self.rules.LastRun.UNKNOWN, 0.0)
-            return recall(look(self.race), 0.0, '' if self.heats else None), 0.0
+            return recall(look(self.race), '' if self.heats else None), 0.0
         if self.begin == 'first':
             self.race.recover(None, self.rules.LastRun.NONE, 0.0)
         facts = remember(look(self.race))
@@ -2120,7 +2081,7 @@ class Search:
             if opinion.allowed and kind == 'KART_IN_GARAGE':
                 yield right._replace(hold=RED_RED if right.hold is None else None), now
             if self.waits and kind in LOOSENING:
-                yield right._replace(came=facts.paused - 0.5), now
+                yield right._replace(came=view.paused - 0.5), now
         for kart in view.karts:
             for state in RaceState:
                 yield Input('heard', '', kart.number, serial=kart.serial, state=state), now

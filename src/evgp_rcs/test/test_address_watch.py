@@ -190,6 +190,17 @@ def test_a_lost_address_is_followed_to_an_interface_of_another_name() -> None:
     assert watch.cut_off == ''
 
 
+def test_a_roster_that_was_corrected_cuts_nobody_off() -> None:
+    karts = [*KARTS, '192.0.2.103']
+    watch = Lookout(functools.partial(to_be_asked, EVERY, karts))
+    there = (ETH0, card('wlan0', '192.0.2.1/24', number=3))
+    watch.see(there, (), 0.0)
+    assert len(watch.asked) == 2
+    karts[-1] = '10.0.0.103'
+    watch.see(there, (), 0.2)
+    assert (len(watch.asked), watch.cut_off) == (1, '')
+
+
 def test_what_karts_do_not_use_may_come_and_go() -> None:
     officials = card('eth1', '10.1.0.5/24', number=3)
     for host in (ADDRESS, EVERY):

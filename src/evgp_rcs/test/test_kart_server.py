@@ -19,6 +19,7 @@ from typing import Any
 from evgp_protocol import clock
 from evgp_protocol.frames import encode
 from evgp_protocol.link import Grade
+from evgp_protocol.loop import run as run_loop
 from evgp_protocol.states import RaceState
 from evgp_rcs.karts import server as kart_server
 from evgp_rcs.karts.channel import (
@@ -157,7 +158,7 @@ class Running:
 
     def _run(self) -> None:
         try:
-            clock.run(self._serve())
+            run_loop(self._serve())
         except BaseException as error:  # noqa: BLE001 - asserted by the test
             self.failure = error
 

@@ -114,9 +114,9 @@ an order to a kart that is not connected: order-wrong, restart _redirect: always
 a stop is announced as allowed, and refused: stop-refused _refusal_of: after _paused: if
     command.kind is CommandKind.ALL_KILL and self.state is IN_GARAGE: ¶> refusal = 'nothing is
     under way'
-an acknowledgement survives the connection: ack-survives _drop: skips acknowledged
+an acknowledgement survives the connection: ack-survives _drop: skips _void_answers
 a new connection goes on under the old serial: order-serial _redirect: 1 => changed
-a reconnection lets a hold be forgotten: hold-forgotten, red-loosened connected: reported =>
+a reconnection lets a hold be forgotten: hold-forgotten, red-loosened connected: went_silent_at =>
     kart.hold
 a kart that drops in RED_FLAG is not held: drop-not-held [green] _drop: state GRID_ACTIVE =>
     self.state not in (GRID_ACTIVE, RED_FLAG)
@@ -142,14 +142,15 @@ GREEN_GREEN while a kart is not connected: availability, green-needs-acks _no_gr
     connected not => each.connected and (not each.acknowledged)
 GREEN_GREEN while a kart has not acknowledged: availability, green-needs-acks, refusal-silent
     _no_green_green: without acknowledged
-GRID_ACTIVE while a kart is held: availability _none_or_held: _held racing => _held(each for each
-    in racing if each.hold is RED_FLAG)
-GRID_ACTIVE without the statement that the track is clear: statement COMMANDS: clear #2 => ''
+GRID_ACTIVE while a kart is held: availability _no_race: _held racing => _held(each for each in
+    racing if each.hold is RED_FLAG)
+GRID_ACTIVE without the statement that the track is clear: statement COMMANDS: clear => ''
 joining the race releases a held kart: membership-loosens, hold-forgotten _join_race: after
     in_race: self._unhold(kart)
 a kart that is taken out on the grid is not held: effect, sent-wrong _leave_race: _hold out =>
     self._redirect(kart, now)
-a kart leaves the race while it drives: availability _no_leave: state not => self.state is RED_RED
+a kart leaves the race while it drives: availability COMMANDS: states LEAVE_RACE =>
+    Rule(Race._leave_race, Race._no_leave)
 IN_GARAGE while a kart is silent: availability _no_in_garage: answered => it or each.hold
 IN_GARAGE releases a kart that never acknowledged its red: hold-forgotten, red-loosened, as-seen,
     stuck _released_by_garage: always stands
@@ -164,28 +165,27 @@ a finish is never followed by RED_FLAG: sent-wrong, finish-put-off [green] tick:
 every place has the delay of the first: effect finish_delay: finish_delays - => 0
 a kart finishes twice: availability _no_finish: place #1 => it > 1
 a finish that is undone ends the hold of the kart: red-loosened, hold-forgotten [green]
-    _kart_undo_finish: before places_given: if kart.finish_due is None: ¶> self._unhold(kart) ¶>
+    _kart_undo_finish: before attempt: if kart.finish_due is None: ¶> self._unhold(kart) ¶>
     self._redirect(kart, now)
 a finish that is undone sends the kart on: green-needs-grid, red-loosened, green-only-by-command
-    [green] _kart_undo_finish: before places_given: if self.state is RED_FLAG: ¶>
+    [green] _kart_undo_finish: before attempt: if self.state is RED_FLAG: ¶>
     self._go(GREEN_GREEN, now)
 later places stay when a finish is undone: effect [two in green] _kart_undo_finish: skips place -
-a place that was taken back counts for the next one: effect _kart_undo_finish: skips places_given
 a finish is undone when the order of FINISH was told: availability [green] _no_undo_finish: never
     number
 a finish is undone without the statement that the kart has not finished: statement COMMANDS: kart
     has => ''
-the race goes over while a finish is outstanding: sent-wrong, effect _race_over_due: without
-    finish_due
+the race goes over while a finish is outstanding: sent-wrong, effect _all_have_finished:
+    without finish_due
 the race goes over when the first kart has finished: sent-wrong, effect [two in green]
-    _race_over_due: instead of place: if not kart.place or kart.finish_due is not None: ¶> continue
+    _all_have_finished: all ( => any(kart.place and kart.finish_due is None for kart in racing)
 humans may be on the track while the race drives: track-access, availability _humans_allowed: state
     GREEN_GREEN => self.state is GRID_ACTIVE
 the track stays open when the grid forms: track-open-in-motion _grid_active: without track_open
 the track closes for the grid whoever has been let onto it since: as-seen _misnamed: opening != =>
     command.opening > self.opening
-an opening of the track is not counted: as-seen, effect _open_track: instead of official:
-    self.track_open = True
+an opening of the track is not counted: as-seen, effect _open_track: instead of
+    _count_opening: self.track_open = True
 a kart that was lost in a race goes home with all others: stuck, effect, sent-wrong, availability
     away_at_rest: without lost_since
 a kart that was away when an official held it goes home with all others: alone-released, effect,
@@ -198,8 +198,8 @@ a kart lost in motion lets humans on the track: track-access, availability _dang
     may_be_moving MSR
 a kart that was told to go counts as standing: doubt-unnoticed, effect _redirect:
     _covered_by_statement not => state is not GREEN_GREEN and it
-a refused command takes GREEN_GREEN away: refused-changes _decide: after refusal:
-    self.grid_was_last = False
+a refused command takes GREEN_GREEN away: refused-changes _decide: after refused:
+    if refusal: ¶> self.grid_was_last = False
 a refusal does not name the kart: refusal-silent _no_green_green: _silence f =>
     f'{self._silence(each)}'
 looking at alerts acts: alerts-act alerts: first: self.track_open = False
@@ -218,7 +218,8 @@ a heat releases the karts that it puts into the race: membership-loosens, hold-f
     after number: if each.in_race: ¶> self._unhold(each)
 a heat that takes a kart out forgets that it may be moving: doubt-forgotten [two] _set_heat: after
     number: each.doubt = each.doubt if each.in_race else Doubt.NONE
-a heat is put into a race that is under way: availability _no_set_heat: skips state
+a heat is put into a race that is under way: availability COMMANDS: states SET_HEAT =>
+    Rule(Race._set_heat, Race._no_set_heat)
 a heat that the roster does not have empties the race: availability, heat-halved, effect
     _no_such_heat: first: if name == 'no such heat': ¶> self.heats += (Heat(name, ()),)
 a heat that is not in the roster is refused without those that are: refusal-silent _no_such_heat:
@@ -231,14 +232,14 @@ the order of FINISH is told again with every RACE_OVER: results _report_order_of
     starters = #2
 the order of FINISH leaves out who did not finish: results _report_order_of_finish: place not => it
     and each.in_race
-a restart forgets that the order of FINISH was never told: restart recover: state RED_FLAG =>
-    memory.state is RED_FLAG
+a restart forgets that the order of FINISH was never told: restart recover: memory starters => ()
+a crash as the race starts forgets who started: restart command: racing ( => ()
 a kart that is held is given a place: availability _no_finish: skips hold
 an unanswered stop leaves no doubt: doubt-unnoticed, alarm-cleared _redirect: _covered_by_statement
     not => state is GREEN_GREEN and it
 a kart told to form the grid leaves no doubt: doubt-unnoticed _redirect: skips GRID
 a lost connection ends the doubt: effect, doubt-forgotten, drop-not-held, alerts _drop: after
-    acknowledged: kart.doubt = Doubt.NONE
+    _void_answers: kart.doubt = Doubt.NONE
 a kart that is back counts as standing: effect, doubt-forgotten, alarm-cleared, drop-not-held,
     alerts, settle connected: instead of may_be_moving: kart.lost_since = None ¶ kart.doubt =
     Doubt.NONE
@@ -258,10 +259,10 @@ a kart lost on the grid lets humans on the track: track-access, availability _da
     it and kart.in_race and (self.state is IN_GARAGE)
 a kart in the garage that was seen to move lets humans on the track: track-access, availability,
     refusal-silent, restart _danger: may_be_moving #1 => kart.hold
-the grid forms with a kart that was seen to move: availability [around] _doubtful: may_be_moving =>
+the grid forms with a kart that was seen to move: availability [around] _no_race: may_be_moving =>
     each.hold
 GREEN_GREEN counts the acknowledgement of a red: availability, green-needs-acks, refusal-silent
-    [around] _no_green_green: _none_or_held ( => '' if list(self.racing()) else it
+    [around] _no_green_green: _no_race ( => ''
 IN_GARAGE does not wait for a lost kart: availability _waited_for: without in_race msr_used
 IN_GARAGE waits for lost karts in spite of the MSR: availability, stuck _waited_for: always
     msr_used not
@@ -278,22 +279,21 @@ IN_GARAGE releases a kart outside the race that was held alone: alone-released, 
     _released_by_garage: without in_race held_alone
 ALL_KILL hides that a kart was held alone: effect, stop-idempotent _all_kill: after _hold:
     each.held_alone = False
-a kart held by ALL_KILL already is not held alone: effect _stop_kart: held_alone not =>
-    kart.hold_reason == reason
+a kart held by ALL_KILL already is not held alone: effect _hold: instead of held_alone or #2: if
+    stricter_than_before: ¶> kart.held_alone = kart.held_alone or alone
 a start need not be as the official saw it: as-seen _not_as_seen: karts == => command.karts <=
     concerned
 a kart is released whatever hold the official saw: as-seen _held_otherwise: instead of hold return:
     if seen or not kart.hold: ¶> return ''
-a start is announced for all karts of the roster: as-seen _started: racing => self.karts.values
-a difference is not named: refusal-silent _not_as_seen: instead of did: phrases = ['it is for
-    others']
+a start is announced for all karts of the roster: as-seen COMMANDS: racing #1 => race.karts.values
+a difference is not named: refusal-silent _not_as_seen: instead of did: pass
 a kart is released while another race control runs: availability, rival [around] _refusal:
     has_rival => it and not command.kart
 a stop is refused while another race control runs: availability, stop-refused _refusal: kind
     has_rival => self.has_rival
 another race control raises no alert: alerts _current_alerts: has_rival => it and self.record_fails
 a race starts without a record: no-record, availability, start-answer, start-first
-    _no_record: always record_fails not
+    _no_race: always record_fails not
 a failing record raises no alert: alerts _current_alerts: record_fails #1 => it and self.has_rival
 a release is taken right behind a stop: effect, pause, available-from command: skips _pause
 a stop to one kart lets a release through: effect, pause, available-from command: kind stop => it
@@ -305,8 +305,8 @@ a pause refuses what came after its end: availability, available-from _paused: p
 a pause refuses a stop: stop-refused, availability, available-from _paused: without loosens
 a pause lets one kart be released: pause, available-from _paused: came paused_until => it and kind
     is not CommandKind.KART_IN_GARAGE
-what was sent while race control was held up is taken: pause, available-from, effect stalled: pause
-    now => now
+what was sent while race control was held up is taken: pause, available-from, effect stalled: skips
+    _pause
 a stop cuts the pause short that a delay began: pause, available-from, effect [waits] _pause:
     always paused_until
 a pause is not announced: available-from availability: _paused kind => ''
@@ -324,13 +324,13 @@ a start that waited while race control was held up goes out: pause [waits] _end_
     now + 9.0
 what was written for another start starts karts: start-answer, start-first start_saved: start !=
     => self.start.number < number
-a second GREEN_GREEN takes the place of the one that waits: availability _no_green_green: never
-    start
+a second GREEN_GREEN takes the place of the one that waits: availability _no_green_green: start
+    self => None
 while a start waits a crash leaves the race on the grid: start-memory memory: skips start if
 a start that is refused is waited for all the same: effect _end_of_start: instead of start None: if
     saved: ¶> self.start = None
 a restart forgets the karts that left the roster: restart recover: always held not
-a restart does not name the karts that left the roster: restart recover: gone #3 => ()
+a restart does not name the karts that left the roster: restart recover: never team
 a restart forgets a stop that was left unanswered: restart recover: before held_alone: kart.doubt =
     min(kart.doubt, Doubt.GRID)
 a restart forgets who was on the grid: restart recover: before held_alone: if kart.doubt is
@@ -355,8 +355,10 @@ the time to stand counts from the order: settle, effect [green] heard: times now
 the time to stand counts from when it is first looked at: effect heard: settle => 2 * it
 a word that was taken back ends the doubt later: settle, effect heard: skips settles_at None
 a kart that is lost while it settles is taken to stand: settle, effect, doubt-forgotten _drop:
-    skips settles_at
-a new order lets the time to stand run on: settle, effect [green] _redirect: skips settles_at
+    instead of _void_answers: settles = kart.settles_at ¶ self._void_answers(kart) ¶
+    kart.settles_at = settles
+a new order lets the time to stand run on: settle, effect [green] _redirect: instead of
+    _void_answers: settles = kart.settles_at ¶ self._void_answers(kart) ¶ kart.settles_at = settles
 a kart stands while race control is held up and hears nothing: settle, effect [held up] stalled:
     instead of settle: kart.settles_at += 0.0
 every word said again begins the time to stand again: effect [unknown outside] heard: acknowledged
@@ -372,30 +374,30 @@ a kart that has only just acknowledged is released alone without a word: stateme
     _state_made_safe: stands => kart.stopped
 the alarm of a kart lost in motion ends with its acknowledgement: effect, alerts heard: after
     times: kart.lost_since = None
-GREEN_GREEN while a kart taken off the grid has not answered: availability _doubtful: doubt
+GREEN_GREEN while a kart taken off the grid has not answered: availability _no_race: doubt
     may_be_moving => each.in_race and each.may_be_moving
 GREEN_GREEN while a kart outside the race is lost on the grid: availability [two on the grid]
-    _doubtful: without doubt in_race
-GREEN_GREEN while a kart on the grid may be moving: availability [around] _doubtful: without
+    _no_race: without doubt in_race
+GREEN_GREEN while a kart on the grid may be moving: availability [around] _no_race: without
     may_be_moving
 GREEN_GREEN while a kart that left the grid has only just acknowledged: availability [two on the
-    grid] _doubtful: doubt may_be_moving => it and (not each.stopped)
-GREEN_GREEN does not name the kart in doubt: refusal-silent _doubtful: _dangers ( => 'a kart may be
+    grid] _no_race: doubt may_be_moving => it and (not each.stopped)
+GREEN_GREEN does not name the kart in doubt: refusal-silent _no_race: _dangers ( => 'a kart may be
     moving' if it else ''
 GRID_ACTIVE while a kart outside the race may be moving: availability _no_grid_active: without
-    _doubtful
-the grid forms with a kart as which two programs connect: availability [network] _no_grid_active:
-    without _contested
+    _no_race
+the grid forms with a kart as which two programs connect: availability [network] _no_race:
+    contested each => it and self.state is GRID_ACTIVE
 a race starts with a kart as which two programs connect: availability, contested [network]
-    _no_green_green: without _contested
+    _no_race: contested each => it and self.state is IN_GARAGE
 two programs of one kart raise no alert: alerts [network] _current_alerts: contested => it and
     self.has_rival
 GRID_ACTIVE that is given again clears the places: effect, finish-other, order-wrong, nobody-there,
-    results [grid] _grid_active: instead of have: self.places_given += 1
-GRID_ACTIVE is not given again: availability _no_grid_active: state not => self.state is not
-    IN_GARAGE
-GRID_ACTIVE is given after a race that is over: availability, red-loosened _no_grid_active: state
-    not => self.state is GREEN_GREEN
+    results [grid] _grid_active: instead of have: pass
+GRID_ACTIVE is not given again: availability COMMANDS: GRID_ACTIVE states IN_GARAGE #1 =>
+    (IN_GARAGE,)
+GRID_ACTIVE is given after a race that is over: availability, red-loosened COMMANDS: GRID_ACTIVE
+    states IN_GARAGE #1 => (IN_GARAGE, GRID_ACTIVE, RED_RED)
 race control that is cut off goes on: cut-off, effect [network] cut_off: skips _cut_off
 race control that is cut off takes the track for closed: cut-off, restart [network] _lose_track:
     instead of _count_opening: self.opening += 1
@@ -404,7 +406,7 @@ race control that is cut off leaves the use of the MSR in force: cut-off [networ
 race control that is cut off takes itself to know what happened: cut-off, restart [network]
     _lose_track: skips past_unknown
 a release that was sent before race control was cut off is taken: effect, available-from, pause
-    [network and pauses] _cut_off: skips pause
+    [network and pauses] _cut_off: skips _pause
 every kart of the race that goes silent changes nothing: cut-off, effect [silence on the grid]
     disconnected: skips _check_whether_all_went_silent
 one kart that goes silent in the garage is race control that is cut off: effect, sent-wrong
@@ -413,7 +415,7 @@ a kart that goes silent outside the race stops it: effect, sent-wrong [silence o
     _check_whether_all_went_silent: without in_race in_garage
 karts that are silent long since count: effect, sent-wrong [silence for long]
     _check_whether_all_went_silent: without LOST_AT_ONCE
-a kart that is back counts as silent: effect, sent-wrong [silence in the garage] connected: without
+a kart that is back counts as silent: effect, sent-wrong [silence in the garage] connected: skips
     went_silent_at
 karts that are silent in RED_RED take the use of the MSR back: effect [silence on the grid]
     _check_whether_all_went_silent: without state
@@ -438,23 +440,25 @@ race control that is cut off is so for ever: availability, effect, stuck [networ
     cut_off_by reason => (self.cut_off_by, reason or self.cut_off_by)
 the command that settles what is not known is not named: track-access [unknown] _humans_allowed:
     IN_GARAGE CommandKind => None
-the first start lets humans near before anybody has spoken: track-access [first] track_access:
-    unstated => it and self.track_open
+the first start lets humans near before anybody has spoken: track-access [first]
+    _humans_allowed: unstated => it and self.track_open
 one kart of two that goes silent is race control that is cut off: effect, sent-wrong [silence on
     the grid] _check_whether_all_went_silent: instead of len everyone: if len(silent) == 1: ¶> pass
 a kart whose program boots calls for the MSR: alerts, alarm-cleared _current_alerts: skips
     _covered_by_statement
 the MSR is asked for to clear the track of karts that were not seen to move: use-msr alerts: skips
     doubt
-GREEN_GREEN without a record: availability, no-record _no_green_green: _no_record ( => ''
-GRID_ACTIVE without a record: availability _no_grid_active: without _no_record
+GREEN_GREEN without a record: availability, no-record _no_race: record_fails not => it or
+    self.state is GRID_ACTIVE
+GRID_ACTIVE without a record: availability _no_race: record_fails not => it or self.state is
+    IN_GARAGE
 a record that fails while a start waits does not stop it: start-first, no-record [waits around]
     _end_of_start: instead of came: trouble = self.record_fails ¶ if saved:
     ¶> self.record_fails = '' ¶ refusal = self._refusal_of(start.command, start.came) ¶
     self.record_fails = trouble
 an orderly end forgets that the track was open: restart memory: track_open => False
 a start after it does: restart recover: skips _count_opening
-a release that was sent before a restart undoes it: restart recover: skips _pause_for_late_commands
+a release that was sent before a restart undoes it: restart recover: skips _pause
 a run of which nothing is known counts as ended well: restart recover: without UNKNOWN
 a kart in doubt does not keep a restart from going home: restart at_rest: without doubt
 a restart does not hold the karts of which nothing is known: restart _lose_track: instead of _hold:
@@ -465,14 +469,14 @@ the statement answers for a kart that was known in doubt: availability, as-seen,
     track-access [crash] _covered_by_statement: without doubt
 the statement answers for a kart that was lost on the grid: availability, as-seen, hold-forgotten,
     track-access [crash on the grid] _covered_by_statement: doubt => kart.may_be_moving
-the statement answers for a kart that was held alone: availability, as-seen, alone-released,
-    hold-forgotten [unknown] _covered_by_statement: without held_alone
+the statement answers for a kart that was held alone: availability, available-from, as-seen,
+    alone-released, hold-forgotten [unknown] _covered_by_statement: without held_alone
 the statement answers for absent karts without a restart: doubt-unnoticed _covered_by_statement:
     without past_unknown
 after a restart nobody answers for a kart that never comes: effect, availability, as-seen, stuck
     [unknown] _covered_by_statement: never doubt not
-IN_GARAGE after a restart does not wait for a connected kart outside: availability [unknown
-    outside] _waited_for: without sent past_unknown
+IN_GARAGE after a restart does not wait for a connected kart outside: availability, available-from
+    [unknown outside] _waited_for: without sent past_unknown
 IN_GARAGE always waits for connected karts outside the race: availability, false-news _waited_for:
     without past_unknown
 OPEN_TRACK after a restart before the statement: restart, track-access, availability
@@ -485,7 +489,7 @@ a finish that is undone puts the RED_FLAG of who moves up off: finish-put-off, e
     green] _kart_undo_finish: after place -: each.finish_due = now + 9.0
 a finish that is undone lifts the hold of a stop that came meanwhile: red-loosened, hold-forgotten
     [green] _kart_undo_finish: instead of finish_due: if kart.finish_due is not None: ¶>
-    self._unhold(kart) ¶> self._redirect(kart, now)
+    self._unhold(kart) ¶> self._redirect(kart, now) ¶ kart.finish_due = None
 a kart that moves on the grid raises no alert: alerts _current_alerts: sent IN_GARAGE => kart.sent
     is IN_GARAGE
 a kart that moves in the garage raises no alert: alerts _current_alerts: sent IN_GARAGE =>
@@ -500,7 +504,7 @@ a poor link stops the kart: effect, sent-wrong [around] measured: instead of lin
 an order that has arrived counts as acknowledged: ack-from-nothing, effect [around] delivered:
     after max: kart.acknowledged = True
 a change of state does not say what caused it: cause _go: without _cause
-a change of state does not say who gave the command: cause _add_event: official by => ''
+a change of state does not say who gave the command: cause _add_event: official => ''
 the cause does not name the official: cause _cause: _by if => ''
 the cause is that of the last change: cause _go: _cause why => self.state_cause or why or
     self._cause()
@@ -520,7 +524,7 @@ a race goes home from the grid with a kart that has an unanswered stop: availabi
 a race never goes home from the grid with a kart on it: availability, stuck _no_in_garage: _dangers
     ( => _listed(each for each in self.racing() if each.doubt)
 a race cannot go home without a record: availability [around] _no_in_garage: instead of missing if
-    return: if not missing: ¶> return self._no_record()
+    return #1: if not missing: ¶> return self.record_fails
 a FINISH of another run of race control is taken: finish-other [green] _no_finish: run meant =>
     meant[1:] != (self.number, kart.attempt)
 a FINISH of another race is taken: finish-other [green] _no_finish: number => command.race
@@ -532,11 +536,11 @@ the attempts of a race go on in the next one: finish-other [an undone finish] _g
 a FINISH that names no race is refused: availability [green] _no_finish: run and => meant !=
     (self.run, self.number, kart.attempt)
 a FINISH counts as somebody who is there: nobody-there [people in green] _kart_finish: after
-    places_given +: self.nobody_since = None
+    finish_due: self.nobody_since = None
 a heat stays in the race with karts of another one: heat [heats] heat: without karts racing
 a heat stays in the race without any kart: heat [heats] heat: inside racing => inside
 a race that nobody can stop goes on: nobody-there, effect [people in green] tick: skips
-    NOBODY_THERE
+    gone _go
 the grid stays when nobody can stop it any more: nobody-there, effect, alerts [people on the grid]
     _unattended_since: state GREEN_GREEN => self.state is GREEN_GREEN
 a race that nobody can stop goes on for longer than it may: nobody-there, effect [people in green]
@@ -567,12 +571,12 @@ a start that waits goes out when the last screen has gone: nobody-there, start-f
     self.nobody_since = None ¶ refusal = self._refusal_of(start.command, start.came) ¶
     self.nobody_since = since
 a release that was sent before race control stopped the race is taken: effect, available-from,
-    pause [an abandoned grid] tick: skips pause
+    pause [an abandoned grid] tick: skips _pause
 that nobody is there raises no alert: alerts [people in green] _current_alerts: _unattended_since (
     => None
 a button at fault raises no alert: alerts [people in green] _current_alerts: skips BUTTON_FAULT
-a button at fault stops the race: there-acts, effect [people in green] attended: before
-    _report_alerts: if there.button_fault: ¶> self._go(RED_RED, now, 'button')
+a button at fault stops the race: there-acts, effect [people in green] attended: first: if
+    there.button_fault: ¶> self._go(RED_RED, now, 'button')
 RED_FLAG to a kart outside the race takes the place of the hold of ALL_KILL: stop-loosens
     _stop_kart: before _hold: if hold is RED_FLAG and not kart.in_race: ¶> kart.hold = None
 the race starts by itself when every kart is on the grid: green-only-by-command [grid]

@@ -114,7 +114,7 @@ class Races(RuleBasedStateMachine):
         self.give(oracle.Input('tick'))
 
     def let_the_pause_pass(self) -> None:
-        self.now = max(self.now, self.facts.paused)
+        self.now = max(self.now, self.race.paused_until)
 
     def let_every_kart_stop(self) -> None:
         self.every_kart_answers()
@@ -179,12 +179,10 @@ class Races(RuleBasedStateMachine):
         assert not outcome.answer.success
         assert str(kart) in outcome.answer.message
         # A stop begins a pause all the same: the official meant some kart.
-        given = oracle.Input('command', kind, kart)
-        after = oracle.look(self.race)
-        self.facts = oracle.learn(
-            before, self.facts, given, 'refused', after, self.now, self.race.times
-        )
-        assert after == before._replace(paused=self.facts.paused)
+        paused = before.paused
+        if kind in oracle.STOPS:
+            paused = max(paused, self.now + self.race.times.pause)
+        assert oracle.look(self.race) == before._replace(paused=paused)
         assert not outcome.orders
 
     @precondition(lambda self: self.race.state is not RaceState.GREEN_GREEN)
@@ -303,7 +301,7 @@ class Races(RuleBasedStateMachine):
             for kart in view.karts:
                 assert kart.hold is kart.sent is RaceState.RED_RED
                 assert kart.moving or not known or kart.number not in started
-            self.facts = oracle.recall(view, self.now, heat if known else '')
+            self.facts = oracle.recall(view, heat if known else '')
         oracle.check_state(self.race, view, self.facts, self.now)
 
     @rule()
@@ -351,7 +349,7 @@ class Races(RuleBasedStateMachine):
     def a_command_comes_late(
         self, kind: str, kart: int, before: float, of_the_pause: bool
     ) -> None:
-        came = min(self.now, self.facts.paused if of_the_pause else self.now) - before
+        came = min(self.now, self.race.paused_until if of_the_pause else self.now) - before
         kart = kart if kind in oracle.KART_COMMANDS else 0
         self.give(oracle.Input('command', kind, kart, True, came=came))
 

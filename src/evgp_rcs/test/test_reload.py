@@ -196,11 +196,12 @@ a kart that two programs connect as loses its address: bound: never contested
 only a kart that leaves the roster is looked at: _bound: address != => kart.number not in addresses
 only a kart with another address is looked at: _bound: get number => addresses.get(kart.number,
     kart.address)
-a roster is taken that was not judged again: _no_take_roster: _read => Roster(())
-a roster is taken during a race: _no_read_roster: state not => self.state is GREEN_GREEN
-a roster is taken that was read again since: _read_otherwise: reading != => command.reading >
+a roster is taken that was not judged again: _no_take_roster: _bound ( => ''
+a roster is taken during a race: COMMANDS: states TAKE_ROSTER => Rule(Race._take_roster,
+    Race._no_take_roster, Race._changes)
+a roster is taken that was read again since: _misnamed: reading != self => command.reading >
     self.reading
-a roster is taken though the file is another by now: _read_otherwise: never roster _read
+a roster is taken though the file is another by now: _misnamed: never roster _read
 a roster is taken twice: _take_roster: 0 => 1
 a reading outlives a race: _grid_active: skips reading
 to read it changes the heats: _read_roster: first: self.heats = command.roster.heats

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 import contextlib
 import dataclasses
 import enum
+import functools
 import math
 import pathlib
 import random
@@ -195,6 +196,12 @@ def an_ended_run(seed: int = 1, steps: int = 600) -> Running:
     return running
 
 
+@functools.cache
+def ended(seed: int) -> tuple[Entry, ...]:
+    """Return the stream of a run that has ended."""
+    return tuple(an_ended_run(seed).stream())
+
+
 # ----- what somebody changed ------------------------------------------------------------------
 
 
@@ -355,7 +362,7 @@ HARMS: dict[str, Harm] = {
 def test_what_was_changed_is_found_and_named_with_its_time(
     harm: str, seed: int, path: pathlib.Path, capsys: Capture
 ) -> None:
-    entries = an_ended_run(seed).stream()
+    entries = [*ended(seed)]
     HARMS[harm](entries, random.Random(seed))
     replay = Replay(kept(entries))
     # From the difference on nothing is known but what the stream says, and it is all said.
@@ -374,7 +381,7 @@ FAULTS = faults_in(
     """
 an old acknowledgement counts: heard: without serial
 a reason is other: _no_join: already f => f'the race has {kart} already'
-the pause is longer: command: pause times => 1.0
+the pause is longer: _pause: pause times => 1.0
 """
 )
 
@@ -383,10 +390,10 @@ the pause is longer: command: pause times => 1.0
 def test_a_change_of_the_rules_is_found_in_a_record_of_the_right_ones(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    runs = [Running(seed).run(600) for seed in range(10)]
+    streams = [ended(seed) for seed in range(10)]
     faulty = module_with(rules, FAULTS[name])
     monkeypatch.setattr(inputs, 'Race', faulty.Race)
-    assert any(replayed(run.stream()).difference for run in runs)
+    assert any(replayed(stream).difference for stream in streams)
 
 
 def test_rules_that_fail_are_a_difference(monkeypatch: pytest.MonkeyPatch) -> None:

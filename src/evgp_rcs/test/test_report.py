@@ -52,7 +52,6 @@ from evgp_rcs.record.store import Record
 from evgp_rcs.record.timing import BOOK
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.inputs import CLOSED_BY_KART
 from evgp_rcs.rules.race import Event, EventKind, Heat, LastRun
 import pytest
 from recorded_races import change_event, edit, named, PaperRace, tables, timed
@@ -268,25 +267,25 @@ def test_a_race_that_goes_over_by_itself_has_a_stop_without_a_command(paper: Pap
     assert [each.band.what for each in last.told] == [RED_RED] * 3
 
 
-def test_every_lost_connection_of_a_race_is_counted_also_one_that_the_kart_closed(
+def test_every_lost_connection_of_a_race_is_counted(
     paper: PaperRace, tmp_path: pathlib.Path
 ) -> None:
     paper.drive()
-    paper.feed(inputs.Disconnected(paper.now, 8, CLOSED_BY_KART))
+    paper.lose(8)
     paper.wait(1.0)
     account = paper.account()
-    assert (account.lost, account.closed) == (1, 1)
+    assert account.lost == 1
     paper.lose(7)
     paper.wait(1.0)
     paper.connect(9)  # it pushes the first one out, which no input says
     account = paper.account()
-    assert (account.lost, account.closed) == (3, 1)
+    assert account.lost == 3
     results = account.results(account.races[0])
     why = {result.kart: result.out.why for result in results if result.out}
     assert why == {7: Why.LOST, 8: Why.LOST, 9: Why.LOST}
     page = report(paper.write(tmp_path / 'record.sqlite3'))
     assert 'it lost its connection' in page
-    assert '3 lost connections during a race, of which karts closed 1 themselves' in page
+    assert '3 lost connections during a race' in page
 
 
 def test_the_page_has_the_stops_the_refusals_and_the_label_of_each_command(

@@ -202,6 +202,25 @@ def test_a_mark_that_cannot_be_written_proves_nothing_until_it_can(
     assert run(path) is LastRun.UNKNOWN
 
 
+def test_a_place_in_memory_is_none_for_a_mark_even_over_one_that_is_on_a_disk(
+    path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = path.parent
+    monkeypatch.setattr(run_mark, 'FOLDER', folder)
+    run(path, LastRun.ENDED)
+    mount(folder, '64k')  # or the test is skipped
+    subprocess.run(['umount', '-l', str(folder)], check=True)
+    subprocess.run(['mount', '--bind', str(folder), str(folder)], check=True)
+    mount(folder.parent, '64k')
+    try:
+        mark = RunMark(path)
+    finally:
+        for each in (folder.parent, folder):
+            subprocess.run(['umount', '-l', str(each)], check=True)
+    assert mark.last_run is LastRun.UNKNOWN
+    assert f'{folder.parent} is in memory' in mark.error
+
+
 def test_a_disk_without_room_for_a_mark_proves_nothing_and_has_none_that_could(
     path: pathlib.Path, small_disk: pathlib.Path
 ) -> None:
@@ -307,29 +326,21 @@ def test_there_is_one_place_for_each_port_and_loopback_addresses_have_their_own(
     assert place('127.0.0.1', 12017) not in (FOLDER / '12017', place('127.0.0.2', 12017))
 
 
-MACHINE = """\
+MOUNTS = """\
 22 1 254:0 / / rw,relatime - ext4 /dev/vda rw
 25 22 0:23 / /dev/shm rw,relatime - tmpfs tmpfs rw
+30 22 254:0 /var/tmp/systemd-private-1f-rcs.service-x/tmp /var/tmp rw - ext4 a rw
+31 30 8:1 / /var rw,relatime shared:1 master:2 - ext4 /dev/sda1 rw
+32 31 0:30 / /var rw,relatime shared:1 - tmpfs tmpfs rw
 """
-PRIVATE = '30 22 254:0 /var/tmp/systemd-private-1f-rcs.service-x/tmp /var/tmp rw - ext4 a rw\n'
-IN_MEMORY = '30 22 0:30 / /var/tmp rw,relatime shared:1 - tmpfs tmpfs rw\n'
-OWN_DISK = '31 30 8:1 / /var rw,relatime shared:1 master:2 - ext4 /dev/sda1 rw\n'
 
 
 @pytest.mark.parametrize(
-    ('mounts', 'why'),
-    [
-        (MACHINE, ''),
-        (MACHINE + OWN_DISK, ''),
-        (MACHINE + PRIVATE, 'PrivateTmp=no'),
-        (MACHINE + OWN_DISK + PRIVATE, 'PrivateTmp=no'),
-        (MACHINE + IN_MEMORY, 'lost with the power'),
-        (MACHINE + IN_MEMORY + '32 30 8:1 / /var/tmp rw - ext4 /dev/sda1 rw\n', ''),
-        ('22 1 0:5 / / rw - tmpfs tmpfs rw\n', 'lost with the power'),
-    ],
+    ('mount', 'why'),
+    [('22', ''), ('30', 'PrivateTmp=no'), ('31', ''), ('32', 'lost with the power')],
 )
-def test_a_place_that_is_private_or_in_memory_is_none_for_a_mark(mounts: str, why: str) -> None:
-    reason = why_not_lasting(FOLDER, mounts)
+def test_a_place_that_is_private_or_in_memory_is_none_for_a_mark(mount: str, why: str) -> None:
+    reason = why_not_lasting(mount, MOUNTS)
     assert why in reason
     assert bool(why) == bool(reason)
 

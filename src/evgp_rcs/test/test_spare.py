@@ -13,6 +13,7 @@ import sqlite3
 import sys
 import threading
 import time
+from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.record import run_mark
@@ -250,6 +251,26 @@ def test_a_copy_that_fails_is_told_in_one_line_and_by_the_exit_code(
     words = ['--roster', 'karts.yaml', '--params', 'rcs.yaml', '--record', 'none', '--once']
     assert spare.main([str(tmp_path), *words]) == 1
     assert len(capsys.readouterr().out.splitlines()) == 1
+
+
+def test_once_a_takeover_has_used_the_copy_the_old_machine_is_copied_no_more(
+    first: pathlib.Path, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may be switched on again for its record, which is older than the one made here since."""
+    monkeypatch.setenv('ROS_HOME', str(tmp_path))
+    Record(first / 'record.sqlite3').end()
+    taken = spare.copies().with_name('takeover-1')
+
+    def keep_and_take(*given: Any) -> float:
+        age = keep(*given)
+        spare.copies().rename(taken)
+        return age
+
+    monkeypatch.setattr(spare, 'keep', keep_and_take)
+    monkeypatch.setattr(spare, 'COPY_EVERY', 0.0)
+    words = ['--roster', 'karts.yaml', '--params', 'rcs.yaml', '--record']
+    assert spare.main([str(first), *words, str(first / 'record.sqlite3')]) == 0
+    assert latest() == taken
 
 
 @pytest.mark.parametrize('ours', ['', '/rcs'])

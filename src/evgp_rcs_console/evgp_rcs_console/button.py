@@ -20,7 +20,7 @@ import threading
 from typing import Any
 
 from evgp_node.graph import where_reachable
-from evgp_node.parameters import ParameterError, Parameters, StrictNode
+from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_protocol.clock import now
 from evgp_rcs.rules.catalogue import CommandKind
@@ -66,14 +66,13 @@ class StopButton(StrictNode):
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         super().__init__('rcs_button', **node_options)
-        self._settings = read_settings(Parameters(self))
+        self._settings = read_settings(self)
         self._signature = Signature(self._settings.official, os.getpid())
         self._presses = PressCounter(self._settings.key)
         self._said = ('?', 0)
         self._due = 0.0
         self._heard = Hearing()
         self._given: Given | None = None
-        self._since = 0.0
         self._dropped, self._dropped_at = '', -math.inf
         self._client = Client(
             'rcs_button_calls',
@@ -108,15 +107,8 @@ class StopButton(StrictNode):
             self._on_failure(error)
 
     def _kill(self) -> None:
-        at = now()
-        self._since = at if self._is_accepted() else self._since
-        self._given = Given(CommandKind.ALL_KILL, official=self._signature.claim, at=at)
+        self._given = Given(CommandKind.ALL_KILL, official=self._signature.claim)
         self._client.give(self._given)  # send first, report afterwards
-
-    def _is_accepted(self) -> bool:
-        """Return whether race control has accepted the last press."""
-        answer = self._heard.answer
-        return self._given is None or (answer is not None and answer[0] is self._given)
 
     def _take_dropped(self, at: float) -> None:
         """If the last press was dropped, report it; a button that is still held presses again."""
@@ -135,7 +127,7 @@ class StopButton(StrictNode):
         self._take_dropped(at)
         if at - self._dropped_at < DROPPED_FOR:
             trouble = trouble or self._dropped
-        elif not self._is_accepted() and at - self._since >= ACCEPTED_WITHIN:
+        elif any(at - stop.since >= ACCEPTED_WITHIN for stop in self._heard.standing):
             trouble = trouble or 'Race control has not accepted ALL KILL yet. USE THE MSR'
         elif not self._client.wait_for(CommandKind.ALL_KILL, 0.0):
             trouble = trouble or 'Race control is not found, so a press does not stop the race'
@@ -154,19 +146,19 @@ class StopButton(StrictNode):
         self._client.announce(self._signature.name, fault, self._presses.count)
 
 
-def read_settings(parameters: Parameters) -> ButtonSettings:
+def read_settings(node: StrictNode) -> ButtonSettings:
     """
     Declare every parameter of the node.
 
     :raises ParameterError: if a parameter is wrong.
     """
-    declare = parameters.declare
+    declare = node.declare
     settings = ButtonSettings(
         device=declare('device', '', 'Path of the device, by a name that never changes.'),
         key=declare('key', 0, 'Code of the only key that sends ALL KILL; 0: every key.', (0, 767)),
         official=declare('official', '', 'Official at the button; empty: the saved name.'),
     )
-    parameters.refuse_unknown()
+    node.refuse_unknown()
     if not settings.device.startswith('/'):
         raise ParameterError(
             'parameter device: give a path such as /dev/input/by-id/...; rcs_button test lists all'

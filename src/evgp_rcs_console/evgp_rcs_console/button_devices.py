@@ -41,8 +41,6 @@ _KEYS = 768 // 8
 # EVIOCGNAME, EVIOCGKEY, EVIOCGRAB and EVIOCSMASK of linux/input.h.
 GET_NAME, GET_KEYS_DOWN, GRAB, SET_MASK = 0x81004506, 0x80604518, 0x40044590, 0x40104593
 
-Change = tuple[int, bool] | None
-
 
 class Keys:
     """
@@ -76,7 +74,7 @@ class Keys:
         bits = int.from_bytes(self._ask(GET_KEYS_DOWN, _KEYS), 'little')
         return frozenset(key for key in range(_KEYS * 8) if bits >> key & 1)
 
-    def changes(self, timeout: float) -> Iterable[Change]:
+    def changes(self, timeout: float) -> Iterable[tuple[int, bool] | None]:
         """Wait for changes, at most for a time in seconds, and return them."""
         if not select.select([self.descriptor], [], [], timeout)[0]:
             return ()

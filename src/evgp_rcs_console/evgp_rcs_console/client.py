@@ -18,7 +18,6 @@ from collections import deque
 from collections.abc import Callable, Iterable
 import contextlib
 import functools
-import ipaddress
 import math
 import queue
 import re
@@ -27,13 +26,12 @@ from typing import Any, Protocol, TypeVar
 import uuid
 
 from evgp_node.codec import value_of
-from evgp_node.graph import EVERY, fence_graph, reachable_at
+from evgp_node.graph import fence_graph, reachable_in_words
 from evgp_node.official import MOST_OF_NAME
 from evgp_node.process import wait_until_heard
 from evgp_node.qos import latched
 from evgp_node.rclpy_private import RCLError
 from evgp_node.results import Standings
-from evgp_node.services import service_class
 from evgp_node.spinning import Spinning
 from evgp_node.states import state_message
 from evgp_protocol.clock import now
@@ -46,13 +44,12 @@ from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
 from evgp_rcs_console.commands import (
     Given,
-    PRESS_AGAIN,
     RaceBegan,
     request,
     Standing,
     StandingStops,
 )
-from evgp_rcs_msgs import msg
+from evgp_rcs_msgs import msg, srv
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
@@ -90,13 +87,16 @@ class Sources:
         self._last: int | None = None
         self._falls: deque[float] = deque(maxlen=2)
 
-    def hear(self, number: int, now: float) -> None:
-        """Record the sequence number of a snapshot, and when that snapshot arrived, in seconds."""
-        if self._last is not None and number <= self._last:
+    def are_two(self, number: int | None, now: float) -> bool:
+        """
+        Return whether there are two race controls.
+
+        :param number: sequence number of the snapshot that has just arrived; None if unknown.
+        :param now: when that snapshot arrived, in seconds.
+        """
+        if number is not None and self._last is not None and number <= self._last:
             self._falls.append(now)
         self._last = number
-
-    def are_two(self, now: float) -> bool:
         return len(self._falls) == 2 and now - self._falls[0] < WITHIN
 
 
@@ -199,7 +199,7 @@ class Client:
             if entry.service not in self._services:
                 alone = entry.stop and not entry.to_one_kart
                 self._services[entry.service] = self.node.create_client(
-                    service_class(entry.service_type),
+                    getattr(srv, entry.service_type),
                     f'rcs/{entry.service}',
                     qos_profile=STOP_QOS if alone else qos_profile_services_default,
                 )
@@ -245,7 +245,7 @@ class Client:
         self._given.put(presence)
 
     def wait_for(self, command: Kind, seconds: float) -> bool:
-        """Wait for a command's service; return whether it was found within the time (s)."""
+        """Wait for a command's service; return whether it was found within so many seconds."""
         return bool(self._services[CATALOGUE[command].service].wait_for_service(seconds))
 
     def close(self) -> None:
@@ -260,8 +260,10 @@ class Client:
 
     def _send(self) -> None:
         while True:
+            with self._lock:
+                wait = self._standing.next_press(now())
             with contextlib.suppress(queue.Empty):
-                given = self._given.get(timeout=self._wake())
+                given = self._given.get(timeout=wait)
                 if given is None:
                     return
                 if isinstance(given, msg.Presence):
@@ -284,13 +286,6 @@ class Client:
             if not self.node.count_services(self.node.resolve_service_name('rcs/all_kill')):
                 presence.fault = presence.fault or "it cannot find race control's services"
             self._there.publish(presence)
-
-    def _wake(self) -> float | None:
-        with self._lock:
-            press = self._standing.next_press(now())
-            if press is None:
-                return PRESS_AGAIN if self._waiting else None
-            return press
 
     def _press(self) -> None:
         with self._lock:
@@ -340,15 +335,13 @@ class Client:
             if given is None or future.cancelled():
                 return
             answer = Answer(future.result().success, self._say(future.result().message))
-            waited = self._standing.waits(given)
             if answer.success:
                 ended = self._standing.accepted(given)
             else:
                 # By the rules, race control refuses a stop only for a kart that is not in its
                 # roster. After any other failure, the stop is not in force and is sent again.
                 unknown = self._karts is not None and given.kart not in {0, *self._karts}
-                self._standing.refused(given, answer.message, final=unknown)
-                ended = waited and unknown
+                ended = self._standing.refused(given, answer.message, final=unknown)
             if ended:
                 self._listener.on_pressing(self._standing.pressed)
             follows = given.followed_by() if answer.success else None
@@ -366,10 +359,7 @@ class Client:
 
     def _hear_race(self, message: msg.Race, info: dict[str, Any]) -> None:
         at = now()
-        number = info.get('publication_sequence_number')
-        if number is not None:
-            self._sources.hear(number, at)
-        two = self._sources.are_two(at)
+        two = self._sources.are_two(info.get('publication_sequence_number'), at)
         race = self._read(lambda: value_of(message, Snapshot, self._say))
         if race is None:
             return
@@ -416,7 +406,7 @@ def request_message(given: Given) -> Any:
         name: state_message(given.hold) if name == 'hold' else value
         for name, value in request(given, now()).items()
     }
-    return service_class(CATALOGUE[given.command].service_type).Request(**fields)
+    return getattr(srv, CATALOGUE[given.command].service_type).Request(**fields)
 
 
 def domain_of() -> int:
@@ -425,9 +415,6 @@ def domain_of() -> int:
 
 def looking(topic: str) -> str:
     """Return a phrase that says where a client looks for race control."""
-    beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
-    where = 'on this machine only (OFFICIALS= is not set)'
-    if beyond:
-        addresses = 'every address of this machine' if EVERY in beyond else ' and '.join(beyond)
-        where = f'at {addresses}'
+    at = reachable_in_words()
+    where = f'at {at}' if at else 'on this machine only (OFFICIALS= is not set)'
     return f'{topic} in ROS domain {domain_of()}, {where}'

@@ -45,9 +45,6 @@ WAIT = 5.0
 STARTING = 5.0
 """Maximum time that ROS may take to start, before the time of ``--wait`` begins, in seconds."""
 
-MOST_WAIT = 86_400.0
-"""Maximum value of ``--wait``, in seconds."""
-
 GRACE = 0.5
 """Time kept back for reporting that no answer arrived, in seconds."""
 
@@ -70,9 +67,6 @@ TAKEN: dict[str, tuple[type, str]] = {
     'reason': (str, 'the reason, for the record'),
 }
 """Type and help text of each further field of a request (``Entry.takes``)."""
-
-NAMES_WHAT = ('source', 'session', 'number', 'transponder')
-"""The fields of ``TAKEN`` that are required; the others are options."""
 
 
 NOTHING_SENT = 'Nothing was sent.'
@@ -211,7 +205,7 @@ def parser() -> argparse.ArgumentParser:
         for field in entry.takes if command not in OF_RACE_CONTROL else ():
             kind, meaning = TAKEN[field]
             taken = {'race': _race_number}.get(field, _count) if kind is int else kind
-            if field in NAMES_WHAT:
+            if field in ('source', 'session', 'number', 'transponder'):  # they name what is meant
                 each.add_argument(field, type=taken, help=meaning)
             elif kind is bool:
                 each.add_argument(f'--{field}', action='store_true', help=meaning)
@@ -259,7 +253,7 @@ def _number(kind: type[float], name: str, most: float) -> Callable[[str], float]
     return read
 
 
-_seconds = _number(float, 'number of seconds', MOST_WAIT)
+_seconds = _number(float, 'number of seconds', 86_400.0)
 _kart_number = _number(int, 'kart number', 65535)
 _race_number = _number(int, 'race number', 65535)
 _count = _number(int, 'whole number', 2**32 - 1)

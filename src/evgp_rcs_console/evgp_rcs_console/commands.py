@@ -64,6 +64,11 @@ class Given:
     at: float = field(default_factory=now)
     waited: float = 0.0
 
+    @property
+    def key(self) -> tuple[Kind, int]:
+        """Return what the presses of one button share."""
+        return self.command, self.kart
+
     def followed_by(self) -> Given | None:
         """Return the command to send once this command is accepted; None if there is none."""
         if not self.then:
@@ -110,7 +115,6 @@ def shows(race: Snapshot, given: Given) -> bool:
 
 
 def shows_result(result: Result, race: Snapshot, kart: KartSnapshot | None) -> bool:
-    """Return whether a snapshot shows the result of a command."""
     shown = []
     if result.race:
         shown.append(race.state in result.race)
@@ -127,20 +131,6 @@ def shows_result(result: Result, race: Snapshot, kart: KartSnapshot | None) -> b
 
 PRESS_AGAIN = 0.5
 """Time after which a stop that race control has not accepted is sent again, in seconds."""
-
-LOOSENS_RACE = frozenset(
-    kind for kind, entry in CATALOGUE.items() if entry.loosens and entry.names_karts
-)
-"""Commands whose acceptance ends the earlier stops to the race and its karts."""
-
-ENDED_BY_RELEASE = frozenset(
-    kind for kind, entry in CATALOGUE.items() if entry.stop and entry.to_one_kart
-)
-"""Stops to one kart, which end once race control accepts the release of that kart."""
-
-ENDED_BY_RACE = ENDED_BY_RELEASE | {CommandKind.RED_FLAG}
-"""Stops that end once race control accepts a command of ``LOOSENS_RACE``."""
-
 
 OUTLIVES = 10.0
 """Age up to which a stop is sent even if another race has begun since, in seconds."""
@@ -215,8 +205,8 @@ class StandingStops:
         return tuple(self._stops.values())
 
     def add(self, given: Given, now: float) -> None:
-        known = self._stops.get(_key(given)) or Standing(given, since=now)
-        self._stops[_key(given)] = replace(known, given=given, due=now)
+        known = self._stops.get(given.key) or Standing(given, since=now)
+        self._stops[given.key] = replace(known, given=given, due=now)
 
     def press(self, now: float, finds: Callable[[Given], bool]) -> list[Given]:
         """
@@ -260,18 +250,17 @@ class StandingStops:
             if now - stop.given.at > OUTLIVES and begun - stop.given.at > CERTAIN
         ]
         for given in ended:
-            del self._stops[_key(given)]
+            del self._stops[given.key]
         return ended
 
-    def next_press(self, now: float) -> float | None:
-        """Return the time until the next stop is due, in seconds; None if there are no stops."""
-        if not self._stops:
-            return None
-        return max(0.0, min(stop.due for stop in self._stops.values()) - now)
+    def next_press(self, now: float) -> float:
+        """Return the time until the next stop is due, in seconds, at most ``PRESS_AGAIN``."""
+        due = (stop.due for stop in self._stops.values())
+        return max(0.0, min(due, default=now + PRESS_AGAIN) - now)
 
     def waits(self, given: Given) -> bool:
         """Return whether this press of a stop has not been accepted yet."""
-        stop = self._stops.get(_key(given))
+        stop = self._stops.get(given.key)
         return stop is not None and stop.given is given
 
     def accepted(self, given: Given) -> bool:
@@ -282,37 +271,34 @@ class StandingStops:
         """
         before = len(self._stops)
         if self.waits(given):
-            del self._stops[_key(given)]
+            del self._stops[given.key]
         for key, stop in list(self._stops.items()):
             if stop.given.at < given.at and _ends(given, stop.given):
                 del self._stops[key]
         return len(self._stops) < before
 
-    def refused(self, given: Given, said: str, final: bool) -> None:
+    def refused(self, given: Given, said: str, final: bool) -> bool:
         """
-        Record that race control has not accepted a stop, and why.
+        Record that race control has not accepted a stop, and why; return whether that ends it.
 
-        :param final: whether race control will never accept the stop, so that the console gives
-            up.
+        :param final: whether race control will never accept the stop.
         """
         if not self.waits(given):
-            return
+            return False
         if final:
-            del self._stops[_key(given)]
+            del self._stops[given.key]
         else:
-            self._stops[_key(given)] = replace(self._stops[_key(given)], said=said)
-
-
-def _key(given: Given) -> tuple[Kind, int]:
-    return given.command, given.kart
+            self._stops[given.key] = replace(self._stops[given.key], said=said)
+        return final
 
 
 def _ends(later: Given, stop: Given) -> bool:
-    if later.command in LOOSENS_RACE:
-        return stop.command in ENDED_BY_RACE
-    if later.command is CommandKind.KART_IN_GARAGE:
-        return stop.command in ENDED_BY_RELEASE and stop.kart == later.kart
-    return False
+    """Return whether accepting a later command ends a stop: never ALL KILL or RECORD_MSR."""
+    entry, to_one_kart = CATALOGUE[later.command], CATALOGUE[stop.command].to_one_kart
+    if entry.loosens and entry.names_karts:
+        return to_one_kart or stop.command is CommandKind.RED_FLAG
+    released = later.command is CommandKind.KART_IN_GARAGE
+    return released and to_one_kart and stop.kart == later.kart
 
 
 LATE = 0.3
@@ -335,12 +321,12 @@ class Unanswered:
         return bool(self._given)
 
     def add(self, given: Given) -> None:
-        self._given[given.command, given.kart] = given
+        self._given[given.key] = given
 
     def answered(self, given: Given) -> None:
         """Remove an answered command, unless a newer press of it is still waiting."""
-        if self._given.get((given.command, given.kart)) is given:
-            del self._given[given.command, given.kart]
+        if self._given.get(given.key) is given:
+            del self._given[given.key]
 
     def ages(self, now: float) -> dict[tuple[Kind, int], float]:
         """Return how long each command has been waiting for its answer, in seconds."""

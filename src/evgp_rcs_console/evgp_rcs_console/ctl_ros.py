@@ -74,8 +74,7 @@ class Hearing(Latest):
             self.answer = given, answer
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
-        if stops:
-            self.standing = stops
+        self.standing = stops
 
     def on_dropped(self, given: Given, why: str) -> None:
         with self._hears():
@@ -116,7 +115,7 @@ def attend(
         return _cannot(wanted, texts.NOT_ALLOWED.format(error=error))
     parts.callback(client.close)
     ready = now()
-    until = min(ready + float(wanted.wait), began + STARTING + float(wanted.wait) - GRACE)
+    until = min(ready, began + STARTING - GRACE) + float(wanted.wait)
     if wanted.command == 'watch':
         return _watch(client, hearing, wanted, until, alive)
     if wanted.command == 'results':

@@ -79,11 +79,10 @@ class PressCounter:
         self.count += 1
         return True
 
-    def miss(self, down: Set[int], now: float) -> bool:
+    def miss(self, down: Set[int], now: float) -> None:
         """Count a press after events were dropped, because one of them may have been a press."""
         if not self.look(down, now):
             self.count += 1
-        return True
 
     @property
     def is_down(self) -> bool:

@@ -27,6 +27,7 @@ from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
 from evgp_rcs.words import (
     Cell,
     clock,
+    GONE_AFTER,
     headline,
     LINKS,
     milliseconds,
@@ -43,14 +44,6 @@ from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
 from evgp_rcs_console.commands import Given, shows_result
 from evgp_rcs_console.notices import Notice
 from evgp_rcs_console.questions import Asked, question
-
-GONE_AFTER = 0.9
-"""
-Time without a snapshot after which race control counts as gone, in seconds.
-
-Race control publishes a snapshot at least every 0.5 s. When race control is gone, officials must
-know within 1 s.
-"""
 
 NEXT: dict[RaceState | None, tuple[CommandKind, ...]] = {
     RaceState.IN_GARAGE: (CommandKind.GRID_ACTIVE,),

@@ -11,14 +11,12 @@ from evgp_rcs_console.client import Sources, spoken, WITHIN
 import pytest
 
 
-def heard(numbers: Iterable[int], every: float = 0.25) -> tuple[Sources, float]:
-    """Return the sources after snapshots with these numbers, and when the last one arrived."""
-    sources = Sources()
-    now = 0.0
-    for number in numbers:
-        now += every
-        sources.hear(number, now)
-    return sources, now
+def are_two(numbers: Iterable[int]) -> bool:
+    """Return whether there are two, once snapshots with these numbers have come, 4 a second."""
+    sources, two = Sources(), False
+    for count, number in enumerate(numbers):
+        two = sources.are_two(number, count / 4)
+    return two
 
 
 @pytest.mark.parametrize(
@@ -30,29 +28,19 @@ def heard(numbers: Iterable[int], every: float = 0.25) -> tuple[Sources, float]:
     ],
 )
 def test_two_race_controls_are_noticed(numbers: list[int]) -> None:
-    sources, now = heard(numbers)
-
-    assert sources.are_two(now)
+    assert are_two(numbers)
 
 
 @pytest.mark.parametrize(
     'numbers', [[1, 2, 3, 4], [1, 2, 7, 8], [500, 501, 1, 2, 3], [18446744073709551615]]
 )
 def test_one_race_control_is_not_two_nor_when_it_starts_again(numbers: list[int]) -> None:
-    sources, now = heard(numbers)
-
-    assert not sources.are_two(now)
+    assert not are_two(numbers)
 
 
 def test_it_is_over_when_one_of_them_has_ended() -> None:
-    sources, now = heard([500, 1, 501, 2, 502, 3])
-
-    for n in range(20):
-        now += 0.25
-        sources.hear(503 + n, now)
-
-    assert now > WITHIN
-    assert not sources.are_two(now)
+    last = 503 + int(4 * WITHIN)
+    assert not are_two([500, 1, 501, 2, 502, 3, *range(503, last + 1)])
 
 
 def test_a_state_has_one_name_wherever_it_is_read() -> None:

@@ -44,7 +44,7 @@ def test_every_stop_is_pressed_again_until_it_is_accepted(command: CommandKind) 
     assert (stop.presses, stop.since) == (4, 0.0)
     assert stops.accepted(given)
     assert stops.press(99.0, found) == []
-    assert stops.next_press(99.0) is None
+    assert stops.next_press(99.0) == PRESS_AGAIN
 
 
 def test_a_stop_is_not_pressed_before_its_time() -> None:

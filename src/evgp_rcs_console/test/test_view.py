@@ -33,7 +33,7 @@ from evgp_rcs.rules.race import (
     TrackAccess,
 )
 from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
-from evgp_rcs.words import Cell, STATE_CELLS, STATES, tally, time_of_day, Tone
+from evgp_rcs.words import Cell, GONE_AFTER, STATE_CELLS, STATES, tally, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import request
 from evgp_rcs_console.questions import question
@@ -44,7 +44,6 @@ from evgp_rcs_console.view import (
     Button,
     Danger,
     FINISH_KEYS,
-    GONE_AFTER,
     KART_COMMANDS,
     Latest,
     RACE_COMMANDS,

@@ -22,18 +22,10 @@ from evgp_node.results import Act, Corrected
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import EventKind, StampedEvent
+from evgp_rcs.words import numbered
 from evgp_rehearsal.field import Field, TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_timing.corrections import CORRECTIONS
-
-LOSS = 'the loss of its connection'
-"""Why a kart without a connection must stop (§3.E)."""
-
-TOGETHER = 1.0
-"""Maximum time between two events that share a line, such as two lost connections, in seconds."""
-
-NEEDS_CLEAR_TRACK = (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN)
-"""Commands that require all humans to be off the track (§3.A)."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +67,7 @@ class Truth:
     @classmethod
     def of(cls, field: Field, passings: Iterable[tuple[str, int, bool]]) -> Truth:
         """Return the truth of a field and its timing line up to now."""
-        radio = [(each.tick, f'radio: {each.text}') for each in field.messages]
+        radio = [(at, f'radio: {text}') for at, text in field.messages]
         last_laps = [(at, f'kart {kart} completes its last lap') for at, kart in field.crossed]
         return cls(
             tuple(field.moving),
@@ -199,27 +191,28 @@ def _remarks(stamped: StampedEvent, truth: Truth) -> Iterator[str]:
     at, event = stamped.monotonic, stamped.event
     if event.command is None or not event.success:
         return
-    if event.command in NEEDS_CLEAR_TRACK and truth.has_person(at):
+    starts = event.command in (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN)
+    if starts and truth.has_person(at):  # §3.A
         yield 'WITH A PERSON ON THE TRACK'
     movers = [kart for kart in truth.movers(at) if event.kart in (0, kart)]
     if CATALOGUE[event.command].loosens and movers:
-        yield f'WHILE {_karts(movers).upper()} MOVED'
+        yield f'WHILE {numbered(movers).upper()} MOVED'
     used = any(tick * TICK_LENGTH <= at for tick in truth.msr)
     if event.command is CommandKind.RECORD_MSR and not used:
         yield 'the MSR had not been used yet'
 
 
 def _folded(lines: Iterable[_Line]) -> Iterator[_Line]:
-    """Yield the lines, joining those of karts to which the same thing happened together."""
+    """Yield the lines, joining those of karts to which the same thing happened within 1 s."""
     group: list[_Line] = []
     for line in (*lines, None):
         first = group[0] if group else None
         same = first and line and line.kind is not None and line.kind is first.kind
-        if first and line and same and line.at - first.at <= TOGETHER:
+        if first and line and same and line.at - first.at <= 1.0:
             group.append(line)
             continue
         if first:
-            who = _karts(sorted({each.kart for each in group}))
+            who = numbered(sorted({each.kart for each in group}))
             yield first._replace(text=f'{who}: {first.text}') if first.kind else first
         group = [line] if line else []
 
@@ -237,7 +230,7 @@ def _motion(
             if event.kart != kart:
                 continue
             if event.kind is EventKind.DISCONNECTED:
-                orders.append((stamped.monotonic, LOSS))
+                orders.append((stamped.monotonic, 'the loss of its connection'))  # §3.E
             elif event.kind is EventKind.KART_STATE and event.state is not None:
                 goes = event.state is RaceState.GREEN_GREEN
                 orders.append((stamped.monotonic, '' if goes else event.state.value))
@@ -251,7 +244,3 @@ def _motion(
     found.sort(key=lambda each: each[:2])
     for (at, order), each in itertools.groupby(found, key=lambda one: one[:2]):
         yield f'moved after {order} at {at:.1f} s: {", ".join(how for _, _, how in each)}'
-
-
-def _karts(numbers: Sequence[int]) -> str:
-    return f'kart{"s" if len(numbers) > 1 else ""} {", ".join(map(str, numbers))}'

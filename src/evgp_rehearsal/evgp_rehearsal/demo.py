@@ -28,7 +28,7 @@ from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs_msgs import msg
-from evgp_rehearsal.event import BANNER, HEAT, Rehearsal
+from evgp_rehearsal.event import BANNER, Rehearsal
 from evgp_rehearsal.field import Fault
 from evgp_rehearsal.plan import Ability, Plan, Track
 from evgp_testing.judge import Judge
@@ -47,9 +47,6 @@ PLAN = Plan(
 )
 """A plan with three short laps."""
 
-LEAST_LAP = 1.0
-"""The timekeeper's `min_lap_time` for such short laps, in seconds."""
-
 BRIDGED = (4, 5, 6)
 """The karts with the real bridge and the example stack. The others are simulated."""
 
@@ -58,20 +55,11 @@ OUTSIDE, LATE = 3, 2
 
 STARTERS = tuple(kart for kart in PLAN.numbers if kart != OUTSIDE)
 
-FINISH_DELAYS = (2.0, 1.7, 1.4, 1.1, 0.8)
-"""Time from FINISH to RED_FLAG for each place, in seconds."""
-
-GAP = 0.4
-"""Time between the finishes of two karts with a bridge, in seconds."""
-
 TIMEOUT = 60.0
 """Maximum time to wait for anything, far longer than a busy machine needs, in seconds."""
 
 MUTE_TIMEOUT = 15.0
 """Maximum time to wait with ``--mute``, which must soon name the mute kart, in seconds."""
-
-LAST = 8
-"""Number of last lines to print of a failed process's output."""
 
 WIDTH = 100
 """Maximum width of the output, in characters."""
@@ -104,16 +92,14 @@ class Show:
 
     def gather(self) -> None:
         """
-        Wait until every kart is connected and has its stack, then bring the race to IN_GARAGE.
+        Wait until every kart has its stack and is connected, then bring the race to IN_GARAGE.
 
         :raises AssertionError: if any of this does not happen in time.
         """
-        self.official.wait_for_connected(*PLAN.numbers)
         for team in self.teams.values():
             team.timeout = TIMEOUT
             team.wait_for_speed(lambda speed: True)
-        self.official.bring_to(RaceState.IN_GARAGE)
-        self.official.command('set_heat', heat=HEAT)
+        self.rehearsal.gather()
         self._wait_for(RaceState.IN_GARAGE, PLAN.numbers)
 
     def race(self) -> None:
@@ -142,7 +128,7 @@ class Show:
         self._laps()
         for kart in BRIDGED:
             official.command('kart/finish', kart=kart)
-            time.sleep(GAP)
+            time.sleep(0.4)
         official.wait_for_race(lambda race: race.over, 'the race ends automatically')
         self.found.append(Finding(True, 'the race ended automatically'))
         self._to_garage(STARTERS)
@@ -282,7 +268,7 @@ def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Find
     wire = Judge([kart for kart in PLAN.numbers if kart not in BRIDGED], (), time.monotonic())
     with contextlib.ExitStack() as stack:
         folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        parameters, timing = {'finish_delays': [*FINISH_DELAYS]}, {'min_lap_time': LEAST_LAP}
+        parameters, timing = {'finish_delays': [2.0, 1.7, 1.4, 1.1, 0.8]}, {'min_lap_time': 1.0}
         with contextlib.ExitStack() as running:
             rehearsal = running.enter_context(
                 Rehearsal(PLAN, folder, len(BRIDGED), False, wire, parameters, STARTERS, timing)
@@ -315,7 +301,7 @@ def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Find
         )
         for each in started:
             if each.wait():
-                console.print(Text('\n'.join([f'{each.name} said last:', *each.lines[-LAST:]])))
+                console.print(Text('\n'.join([f'{each.name} said last:', *each.lines[-8:]])))
         return found
 
 

@@ -23,7 +23,7 @@ import signal
 import threading
 import time
 
-from evgp_node.codec import message_of
+from evgp_node.codec import message_of, value_of
 from evgp_node.qos import latched
 from evgp_node.results import Corrected
 from evgp_node.states import state_of
@@ -32,14 +32,13 @@ from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.store import events, open_read_only, sessions
 from evgp_rcs.record.timing import entries
-from evgp_rcs.ros.messages import race_of
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.spare.copies import fetch, keep
 from evgp_rcs_msgs import msg
 from evgp_rehearsal.debrief import debrief, Occurrence, Truth
 from evgp_rehearsal.field import Connected, Failure, Field, TICK_LENGTH
-from evgp_rehearsal.incidents import ALERTS, can_begin, choose_kart, INCIDENTS, LASTS, Phase
+from evgp_rehearsal.incidents import ALERTS, can_begin, choose_kart, INCIDENTS, LASTS
 from evgp_rehearsal.line import TimingLine
 from evgp_rehearsal.plan import Plan
 from evgp_testing.domains import Domain
@@ -55,17 +54,8 @@ import yaml
 BANNER = 'REHEARSAL'
 """Banner that every screen shows in a rehearsal."""
 
-AWAY = 1.0
-"""Time from the death of race control to its restart, in seconds."""
-
 HEAT = 'rehearsal'
 """Name of the roster's heat, which has the plan's laps."""
-
-STEWARD = 'rehearsal'
-"""Name of the official under which the rehearsal itself sends commands."""
-
-ON_DISK = 20
-"""Time after which events are certainly in the record, in ticks."""
 
 CONNECT_AGAIN = 10
 """Time between a kart's attempts to connect, in ticks."""
@@ -122,6 +112,7 @@ class Rehearsal(Part):
     :ivar links: the connections of the simulated karts.
     :ivar domains: the ROS domains of the karts with a bridge, and race control's at number 0.
     :ivar present: the current incident, or None.
+    :ivar paused: whether the karts pause, with their connections open.
     :ivar dead: set once race control's laptop has died.
     """
 
@@ -171,7 +162,7 @@ class Rehearsal(Part):
             stack.callback(lambda: self.control.close())
             self._timekeeper = stack.enter_context(Timekeeper(folder, self.domain, timing))
             hears = 'race', 'events', 'results'
-            self.official = stack.enter_context(Official(self.domain, STEWARD, judge, hears))
+            self.official = stack.enter_context(Official(self.domain, 'rehearsal', judge, hears))
             self._line = TimingLine(secrets.token_hex(4))
             self._passings = self.official.node.create_publisher(
                 msg.Passing, '/rcs/passings', latched(200)
@@ -206,7 +197,7 @@ class Rehearsal(Part):
                 raise RefusedError(f'kart {kart} is not simulated here')
             if not can_begin(row, self.field, state, kart):
                 whom = f' to kart {kart}' if kart else ''
-                raise RefusedError(f'Not now{whom}: {name} begins {WHEN[row.phase]}')
+                raise RefusedError(f'Not now{whom}: {name} begins {row.phase.value}')
             self._end_incident()
             number = choose_kart(self.field, row, kart)
             self.present = Occurrence(name, number, self.field.tick, self.field.tick)
@@ -228,10 +219,6 @@ class Rehearsal(Part):
         """Cut the power of every kart, which the official must then record."""
         with self.lock:
             self.field.use_msr()
-
-    def pause(self, paused: bool) -> None:
-        """Pause the karts, or let them continue. Their connections stay open."""
-        self.paused = paused
 
     def open_window(self) -> None:
         """Open the officials' window, unless it is open already."""
@@ -265,7 +252,7 @@ class Rehearsal(Part):
     def race(self) -> Snapshot | None:
         """Return the last received race, or None."""
         race = self.official.race
-        return None if race is None else race_of(race)
+        return None if race is None else value_of(race, Snapshot)
 
     def gather(self) -> None:
         """
@@ -300,12 +287,17 @@ class Rehearsal(Part):
         """Wait until more than this number of incidents have ended and are in the record."""
         with self.lock:
             self.lock.wait_for(lambda: len(self.took) > number)
-            until = self.took[number].ended + ON_DISK
+            until = self.took[number].ended + 20  # ticks, after which its events are on the disk
             self.lock.wait_for(lambda: self.field.tick >= until)
 
     def events(self) -> list[StampedEvent]:
-        """Return all events of the record."""
-        return recorded(self.folder)
+        """Return all events of the record, from every run of race control."""
+        # After a takeover, the newest record also contains the earlier runs.
+        records = self.folder.rglob('record.sqlite3')
+        newest = max(records, key=lambda path: path.stat().st_mtime)
+        with contextlib.closing(open_read_only(newest)) as database:
+            runs = [*sessions(database)][::-1]
+            return [event for run in runs for event in events(database, run.number)]
 
     # ----- the field's thread -------------------------------------------------------------
 
@@ -331,9 +323,11 @@ class Rehearsal(Part):
             with self.lock:
                 said = self.field.step()
                 self._times.append(clock.now())
-                passings = self._line.read(self.field, time.time_ns() - self._field_ns())
+                field_ns = round(self.field.tick * TICK_LENGTH * 1e9)
+                passings = self._line.read(self.field, time.time_ns() - field_ns)
                 failures, self.field.failures = self.field.failures, []
-                self._time_is_up()
+                if self.present is not None and self.field.tick >= self.present.began + LASTS:
+                    self._end_incident()
                 self._cue()
                 self.lock.notify_all()
             for number, state in said:
@@ -348,9 +342,6 @@ class Rehearsal(Part):
             for each in failures:
                 self._happen(each)
             self._keep_race_control()
-
-    def _field_ns(self) -> int:
-        return round(self.field.tick * TICK_LENGTH * 1e9)
 
     def _connect(self, number: int, wanted: Connected) -> None:
         link = self.links.get(number)
@@ -370,7 +361,7 @@ class Rehearsal(Part):
             link.close()
             if isinstance(link, DrivenKart):
                 with self.lock:
-                    self.field.drop(number)
+                    self.field.karts[number].drop()
         elif there is not wanted and self.field.tick - self._tried[number] >= CONNECT_AGAIN:
             self._join(number, wanted)
 
@@ -408,21 +399,17 @@ class Rehearsal(Part):
             self.dead.set()
 
     def _keep_race_control(self) -> None:
-        """Restart race control, whatever ended it, as ``make run`` does."""
+        """Restart race control after 1 s, whatever ended it, as ``make run`` does."""
         same_machine = {'port': self.control.port}
 
         def again() -> None:
-            time.sleep(AWAY)
+            time.sleep(1.0)
             self.control = self._race_control(same_machine)
 
         if not (self.dead.is_set() or self.control.runs) and (
             self._again is None or self._again.done()
         ):
             self._again = self._starter.submit(again)
-
-    def _time_is_up(self) -> None:
-        if self.present is not None and self.field.tick >= self.present.began + LASTS:
-            self._end_incident()
 
     def _cue(self) -> None:
         """Begin the script's incidents that are due."""
@@ -469,26 +456,9 @@ class Rehearsal(Part):
             self.window.close()
 
 
-def recorded(folder: pathlib.Path) -> list[StampedEvent]:
-    """Return all events of the record in a folder, from every run of race control."""
-    # After a takeover, the newest record also contains the earlier runs.
-    newest = max(folder.rglob('record.sqlite3'), key=lambda path: path.stat().st_mtime)
-    with contextlib.closing(open_read_only(newest)) as database:
-        runs = [*sessions(database)][::-1]
-        return [event for run in runs for event in events(database, run.number)]
-
-
 def corrected(folder: pathlib.Path) -> list[Corrected]:
     """Return the corrections that the timekeeper accepted, from its book in a folder."""
     return [each for _, each in entries(folder / BOOK) if isinstance(each, Corrected)]
-
-
-WHEN = {
-    Phase.GRID: 'in GRID_ACTIVE',
-    Phase.RACE: 'in GREEN_GREEN, once all karts in the race are driving',
-    Phase.LAST_LAP: 'in GREEN_GREEN, when the leader is near the end of its last lap',
-}
-"""Text that tells the instructor when an incident can begin."""
 
 
 def _in_ticks(at: float, times: Sequence[float]) -> float:

@@ -4,8 +4,8 @@
 """
 The field: simulated karts on a closed line, and their faults.
 
-``hear`` and ``drop`` pass on what race control sends. ``step`` advances time by one tick, and
-returns the karts' acknowledgements. Karts do not collide, because they steer around each other.
+``hear`` passes on what race control sends. ``step`` advances time by one tick, and returns the
+karts' acknowledgements. Karts do not collide, because they steer around each other.
 This module is pure and deterministic: it has no clock, socket or thread, and all chance comes from
 the seed.
 """
@@ -25,17 +25,11 @@ from evgp_rehearsal.plan import Ability, Plan
 TICK_LENGTH = 0.05
 """Length of a tick, in seconds."""
 
-GRID_GAP = 3.0
-"""Distance between two karts on the grid, in metres."""
-
 CREEP = 2.0
 """Speed of a kart that creeps, in m/s."""
 
 DRIVES = 0.5
 """Minimum speed at which a kart reports that it is driving, in m/s."""
-
-STORM = (10, 30, 4)
-"""A reconnect storm: time without a connection, time with one, in ticks, and repetitions."""
 
 
 class Fault(enum.Enum):
@@ -70,14 +64,6 @@ class Failure(enum.Enum):
     CRASH = enum.auto()
     DIE = enum.auto()
     CLOSE_CONSOLE = enum.auto()
-
-
-@dataclass(frozen=True)
-class Message:
-    """A radio message, and its tick."""
-
-    tick: int
-    text: str
 
 
 class Crossing(NamedTuple):
@@ -131,7 +117,7 @@ class SimulatedKart:
         if Fault.REPLACED in self.faults:
             return Connected.STRANGER
         if Fault.STORMY in self.faults:
-            away, there, times = STORM
+            away, there, times = 10, 30, 4  # ticks without a connection, ticks with one, how often
             passed = tick - self.stormy_since
             if passed < times * (away + there) and passed % (away + there) < away:
                 return Connected.NOBODY
@@ -195,12 +181,13 @@ class Field:
     """
     All karts of a rehearsal.
 
-    A debrief takes the truth from the lists ``moving``, ``crossed``, ``people`` and ``msr_at``,
-    in which every entry has its tick.
+    A debrief takes the truth from the lists ``messages``, ``moving``, ``crossed``, ``people`` and
+    ``msr_at``, in which every entry has its tick.
 
     :param numbers: the karts that are simulated here; None for all.
     :ivar tick: number of steps so far.
     :ivar finish: distance at the end of the last lap, in metres.
+    :ivar messages: each radio message.
     :ivar moving: each start and stop of a kart.
     :ivar crossed: the karts that have driven all laps.
     :ivar people: each time a person enters or leaves the track.
@@ -212,7 +199,7 @@ class Field:
         self.rng = random.Random(plan.seed)  # noqa: S311 - reproducible by the seed
         self.finish = plan.laps * plan.track.length
         self.tick = 0
-        self.messages: list[Message] = []
+        self.messages: list[tuple[int, str]] = []
         self.failures: list[Failure] = []
         self.msr_at: list[int] = []
         self.person: tuple[float, float] | None = None
@@ -233,13 +220,9 @@ class Field:
             self._to_grid(kart)  # its team puts it there
         kart.hear(state, self.tick)
 
-    def drop(self, number: int) -> None:
-        """Drop a kart's connection."""
-        self.karts[number].drop()
-
     def say(self, text: str) -> None:
         """Send a radio message."""
-        self.messages.append(Message(self.tick, text))
+        self.messages.append((self.tick, text))
 
     def let_in(self, at: tuple[float, float]) -> None:
         """Put a person on the track at x and y, in metres."""
@@ -309,7 +292,8 @@ class Field:
         return max(racing, key=lambda kart: kart.distance).number if racing else 0
 
     def _to_grid(self, kart: SimulatedKart) -> None:
-        kart.distance = -GRID_GAP * (1 + self.plan.numbers.index(kart.number))
+        place = 1 + self.plan.numbers.index(kart.number)
+        kart.distance = -3.0 * place  # one kart every 3 m behind the line
 
 
 def _spread(plan: Plan, rng: random.Random) -> Ability:

@@ -18,26 +18,19 @@ from evgp_protocol.states import RaceState
 from evgp_rehearsal.field import Failure, Fault, Field, TICK_LENGTH
 from evgp_rehearsal.plan import Cue
 
-LAST_METRES = 25.0
-"""Maximum distance of the leader from the finish when a last-lap incident begins, in metres."""
-
 ALERTS = {'ready_alert': 10.0, 'green_alert': 6.0, 'flag_alert': 12.0, 'red_alert': 4.0}
 """Alert times of a rehearsal's race control, shorter than in a race, in seconds."""
 
 LASTS = 1800
 """Time after which an incident ends, as if people had repaired everything, in ticks."""
 
-FIRST_CUE = 20.0
-"""Time from the race state in which the first incident of the command line can begin until it is
-due, in seconds."""
-
 
 class Phase(enum.Enum):
-    """When an incident can begin."""
+    """When an incident can begin. The values are texts for the instructor."""
 
-    GRID = enum.auto()
-    RACE = enum.auto()
-    LAST_LAP = enum.auto()
+    GRID = 'in GRID_ACTIVE'
+    RACE = 'in GREEN_GREEN, once all karts in the race are driving'
+    LAST_LAP = 'in GREEN_GREEN, when the leader is near the end of its last lap'
 
 
 @dataclass(frozen=True)
@@ -65,22 +58,17 @@ class Incident:
         return RaceState.GRID_ACTIVE if grid else RaceState.GREEN_GREEN
 
 
-def _fault(*faults: Fault) -> Callable[[Field, int], None]:
+def _begin(*what: Fault | Failure, radio: str = '') -> Callable[[Field, int], None]:
+    """Return a function that gives a kart these faults, and race control these failures."""
+
     def begin(field: Field, kart: int) -> None:
-        field.karts[kart].faults.update(faults)
-
-    return begin
-
-
-def _told(
-    text: str, *faults: Fault, failure: Failure | None = None
-) -> Callable[[Field, int], None]:
-    def begin(field: Field, kart: int) -> None:
-        if faults:
-            _fault(*faults)(field, kart)
-        if failure is not None:
-            field.failures.append(failure)
-        field.say(text.format(kart=kart))
+        for each in what:
+            if isinstance(each, Fault):
+                field.karts[kart].faults.add(each)
+            else:
+                field.failures.append(each)
+        if radio:
+            field.say(radio.format(kart=kart))
 
     return begin
 
@@ -101,7 +89,7 @@ _ROWS = (
         'wifi_gone',
         'a kart loses its WiFi in mid-race',
         Phase.RACE,
-        _fault(Fault.OFFLINE),
+        _begin(Fault.OFFLINE),
         'stop the race, or use the MSR and record its use, because the kart may still move '
         '(Disconnections; Alerts: LOST_IN_MOTION)',
     ),
@@ -109,7 +97,9 @@ _ROWS = (
         'kart_stuck',
         'a kart has stopped on the track but still acknowledges',
         Phase.RACE,
-        _told('Marshal, post 1: kart {kart} has stopped and is not moving on.', Fault.STUCK),
+        _begin(
+            Fault.STUCK, radio='Marshal, post 1: kart {kart} has stopped and is not moving on.'
+        ),
         'flag the race, or stop only this kart, which has stopped already; do not use anything '
         'stronger (Commands: stops)',
     ),
@@ -117,7 +107,7 @@ _ROWS = (
         'red_red_unacknowledged',
         'a kart does not acknowledge RED_RED',
         Phase.RACE,
-        _told('Race director: debris everywhere. Stop every kart now.', Fault.MUTE),
+        _begin(Fault.MUTE, radio='Race director: debris everywhere. Stop every kart now.'),
         'press ALL_KILL, and because one kart does not answer, use the MSR and record its use '
         '(Alerts: RED_UNACKNOWLEDGED)',
     ),
@@ -125,7 +115,7 @@ _ROWS = (
         'red_flag_not_obeyed',
         'a kart keeps driving in RED_FLAG',
         Phase.RACE,
-        _told('Race director: red flag, please.', Fault.IGNORES_FLAG, Fault.MUTE),
+        _begin(Fault.IGNORES_FLAG, Fault.MUTE, radio='Race director: red flag, please.'),
         'send RED_FLAG, and because one kart keeps driving, use the MSR and record its use '
         '(Alerts: FLAG_UNACKNOWLEDGED)',
     ),
@@ -133,14 +123,14 @@ _ROWS = (
         'false_start',
         'a kart drives off in GRID_ACTIVE',
         Phase.GRID,
-        _fault(Fault.CREEPS),
+        _begin(Fault.CREEPS),
         'stop the kart, or take it out of the race, which also stops it (One kart: leave)',
     ),
     Incident(
         'spin',
         'a kart spins in front of others',
         Phase.RACE,
-        _told('Marshal, post 3: kart {kart} has spun, and others are coming!', Fault.SPUN),
+        _begin(Fault.SPUN, radio='Marshal, post 3: kart {kart} has spun, and others are coming!'),
         'flag the race, so that the others stop and still steer (States: RED_FLAG)',
     ),
     Incident(
@@ -155,7 +145,7 @@ _ROWS = (
         'slow_leader',
         'the leader crosses the line slowly, with others close behind',
         Phase.LAST_LAP,
-        _fault(Fault.SLOW),
+        _begin(Fault.SLOW),
         'mark the karts as finished in the order in which they cross the line, and do not stop a '
         'kart (Finish and race over)',
     ),
@@ -172,7 +162,7 @@ _ROWS = (
         'second_machine',
         "a second machine has a kart's address",
         Phase.RACE,
-        _fault(Fault.REPLACED),
+        _begin(Fault.REPLACED),
         'stop the race, or use the MSR, because race control no longer hears the real kart '
         '(Disconnections: a second connection)',
     ),
@@ -180,7 +170,7 @@ _ROWS = (
         'race_control_crash',
         'race control dies in mid-race, and comes back',
         Phase.RACE,
-        lambda field, kart: field.failures.append(Failure.CRASH),
+        _begin(Failure.CRASH),
         'press ALL_KILL or use the MSR; or wait until every kart has acknowledged RED_RED, '
         'check the track, and then send IN_GARAGE (When race control itself ends)',
         to_kart=False,
@@ -189,7 +179,7 @@ _ROWS = (
         'laptop_dies',
         "race control's laptop dies in mid-race, and a spare has a copy",
         Phase.RACE,
-        lambda field, kart: field.failures.append(Failure.DIE),
+        _begin(Failure.DIE),
         'do the drill; then record the MSR, or wait until every kart has acknowledged '
         'RED_RED, check the track, and send IN_GARAGE (docs/race-day.md)',
         to_kart=False,
@@ -198,10 +188,7 @@ _ROWS = (
         'console_lost',
         "the officials' window dies, and then a red flag is needed",
         Phase.RACE,
-        _told(
-            'Race director: oil on the track. Red flag, please.',
-            failure=Failure.CLOSE_CONSOLE,
-        ),
+        _begin(Failure.CLOSE_CONSOLE, radio='Race director: oil on the track. Red flag, please.'),
         'flag the race from another window or with rcs_ctl, or use the MSR (docs/safety.md)',
         to_kart=False,
     ),
@@ -209,10 +196,8 @@ _ROWS = (
         'msr_needed',
         'a kart no longer obeys anything',
         Phase.RACE,
-        _told(
-            'Marshal, post 2: kart {kart} is out of control!',
-            Fault.IGNORES_RED,
-            Fault.MUTE,
+        _begin(
+            Fault.IGNORES_RED, Fault.MUTE, radio='Marshal, post 2: kart {kart} is out of control!'
         ),
         'stop it, use the MSR at once and record it (§2.B)',
     ),
@@ -220,21 +205,21 @@ _ROWS = (
         'not_ready',
         'a kart does not get ready on the grid',
         Phase.GRID,
-        _fault(Fault.NEVER_READY),
+        _begin(Fault.NEVER_READY),
         'take the kart out of the race, or return to IN_GARAGE (Alerts: NOT_READY)',
     ),
     Incident(
         'missed_passing',
         'the timing line misses a kart',
         Phase.RACE,
-        _fault(Fault.UNSEEN),
+        _begin(Fault.UNSEEN),
         'count the crossing by hand (LAP), and do not stop a kart (docs/timing.md: Corrections)',
     ),
     Incident(
         'false_passing',
         'the timing line sees a kart that is elsewhere',
         Phase.RACE,
-        _fault(Fault.SEEN_ELSEWHERE),
+        _begin(Fault.SEEN_ELSEWHERE),
         'strike out the passing (STRIKE PASSING), and do not stop a kart (docs/timing.md: '
         'Corrections)',
     ),
@@ -248,10 +233,11 @@ def script_of(names: Sequence[str]) -> tuple[Cue, ...]:
     """
     Return a script of these incidents, in this order.
 
-    An incident that begins when it is due has ended before the next one is due.
+    The first one is due after 20 s. An incident that begins when it is due has ended before the
+    next one is due.
     """
     apart = LASTS * TICK_LENGTH
-    return tuple(Cue(name, FIRST_CUE + apart * number) for number, name in enumerate(names))
+    return tuple(Cue(name, 20.0 + apart * number) for number, name in enumerate(names))
 
 
 def choose_kart(field: Field, incident: Incident, kart: int = 0) -> int:
@@ -282,4 +268,4 @@ def can_begin(row: Incident, field: Field, state: RaceState, kart: int = 0) -> b
     if row.phase is Phase.RACE:
         return all(each.speed > 0.5 * each.ability.top for each in karts)
     leader = field.karts.get(field.leader())
-    return leader is not None and leader.distance > field.finish - LAST_METRES
+    return leader is not None and leader.distance > field.finish - 25.0

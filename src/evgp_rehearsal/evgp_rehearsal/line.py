@@ -12,9 +12,6 @@ from __future__ import annotations
 from evgp_node.results import Passing
 from evgp_rehearsal.field import Field
 
-SOURCE = 'line'
-"""The line's name as a source of passings."""
-
 
 class TimingLine:
     """
@@ -27,7 +24,6 @@ class TimingLine:
     def __init__(self, session: str) -> None:
         self._session = session
         self._read = 0
-        self._said = 0
         self.told: list[tuple[str, int, bool]] = []
 
     def read(self, field: Field, field_ns: int = 0) -> list[Passing]:
@@ -42,9 +38,8 @@ class TimingLine:
         for at, kart, seen, real in new:
             if not seen:
                 continue
-            self._said += 1
-            stamp = field_ns + round(at * 1e9)
-            passing = Passing(SOURCE, self._session, self._said, kart, stamp_ns=stamp)
+            number, stamp = len(self.told) + 1, field_ns + round(at * 1e9)
+            passing = Passing('line', self._session, number, kart, stamp_ns=stamp)
             passings.append(passing)
             self.told.append((str(passing.identity), kart, real))
         return passings

@@ -17,19 +17,13 @@ import pathlib
 import threading
 from typing import Any
 
-from evgp_rehearsal.event import RefusedError, Rehearsal, WHEN
+from evgp_rehearsal.event import RefusedError, Rehearsal
 from evgp_rehearsal.field import TICK_LENGTH
 from evgp_rehearsal.incidents import can_begin, INCIDENTS
 from evgp_testing.part import Part
 
 HERE = '127.0.0.1'
 """Address of the page."""
-
-MOST_POSTED = 10_000
-"""Maximum length of a post, in bytes."""
-
-RADIO = 6
-"""Maximum number of radio messages on the page."""
 
 
 def picture(rehearsal: Rehearsal) -> dict[str, Any]:
@@ -54,7 +48,6 @@ def picture(rehearsal: Rehearsal) -> dict[str, Any]:
                     'sent': seen.sent.value if seen else '',
                     'connected': bool(seen and seen.connected),
                     'acknowledged': bool(seen and seen.acknowledged),
-                    'place': seen.place if seen else 0,
                 }
             )
         took = rehearsal.present
@@ -65,7 +58,7 @@ def picture(rehearsal: Rehearsal) -> dict[str, Any]:
                     'name': row.name,
                     'meaning': row.meaning,
                     'order': row.order,
-                    'when': WHEN[row.phase],
+                    'when': row.phase.value,
                 }
                 for row in INCIDENTS.values()
             ],
@@ -73,12 +66,9 @@ def picture(rehearsal: Rehearsal) -> dict[str, Any]:
             'paused': rehearsal.paused,
             'race': rehearsal.state.value,
             'track_open': bool(race and race.track.open),
-            'laps': rehearsal.plan.laps,
             'karts': karts,
             'person': field.person,
-            'radio': [
-                f'{each.tick * TICK_LENGTH:.0f} s: {each.text}' for each in field.messages[-RADIO:]
-            ],
+            'radio': [f'{at * TICK_LENGTH:.0f} s: {text}' for at, text in field.messages[-3:]],
             'incident': took.incident if took else '',
             'incident_kart': took.kart if took else 0,
             'possible': [
@@ -110,8 +100,12 @@ class Page(Part):
         self._thread.join()
 
 
-def _do(rehearsal: Rehearsal, wanted: Mapping[str, Any]) -> str:
-    """Carry out what a button asks for and return a message for the instructor."""
+def _do(rehearsal: Rehearsal, wanted: Mapping[str, Any]) -> None:
+    """
+    Carry out what a button asks for.
+
+    :raises RefusedError: with a message for the instructor.
+    """
     what = wanted.get('do')
     if what == 'inject':
         rehearsal.inject(str(wanted.get('incident')), int(wanted.get('kart') or 0))
@@ -120,12 +114,11 @@ def _do(rehearsal: Rehearsal, wanted: Mapping[str, Any]) -> str:
     elif what == 'msr':
         rehearsal.use_msr()
     elif what == 'pause':
-        rehearsal.pause(not rehearsal.paused)
+        rehearsal.paused = not rehearsal.paused
     elif what == 'window':
         rehearsal.open_window()
     else:
         raise RefusedError(f'there is no button {what}')
-    return ''
 
 
 def _handler(rehearsal: Rehearsal) -> type[http.server.BaseHTTPRequestHandler]:
@@ -150,11 +143,12 @@ def _handler(rehearsal: Rehearsal) -> type[http.server.BaseHTTPRequestHandler]:
             if not self._is_here():
                 return
             length = int(self.headers.get('Content-Length') or 0)
-            if self.headers.get('Content-Type') != 'application/json' or length > MOST_POSTED:
+            if self.headers.get('Content-Type') != 'application/json' or length > 10_000:
                 self.send_error(400)
                 return
+            told = ''
             try:
-                told = _do(rehearsal, json.loads(self.rfile.read(length)))
+                _do(rehearsal, json.loads(self.rfile.read(length)))
             except (RefusedError, ValueError, AttributeError) as error:
                 told = str(error)
             self._answer(json.dumps({'told': told}), 'application/json')

@@ -145,6 +145,7 @@ def _plan(given: Mapping[str, Any]) -> Plan:
     spread = float(kart.pop('spread', Plan.spread))
     ability = Ability(**{name: float(value) for name, value in kart.items()})
     corners = tuple((float(x), float(y)) for x, y in given['track'])
+    cues = (Cue(**line) for line in given.get('script') or ())
     return checked(
         Plan(
             Track(corners),
@@ -153,7 +154,7 @@ def _plan(given: Mapping[str, Any]) -> Plan:
             int(given.get('laps', Plan.laps)),
             spread,
             int(given.get('seed', Plan.seed)),
-            tuple(Cue(**line) for line in given.get('script') or ()),
+            tuple(Cue(each.incident, float(each.at), int(each.kart)) for each in cues),
         )
     )
 
@@ -170,6 +171,10 @@ def checked(plan: Plan) -> Plan:
         (len(corners) < 3 or len(set(corners)) < len(corners), 'give 3 different corners'),
         (not 1 <= plan.karts <= MOST_KARTS, f'karts: 1 to {MOST_KARTS}'),
         (plan.laps < 1, 'laps: 1 or more'),
+        (
+            any(cue.kart not in (0, *plan.numbers) for cue in plan.script),
+            f'script: kart must be from 1 to {plan.karts}',
+        ),
         (not 0.0 <= plan.spread <= 0.5, 'spread: 0 to 0.5'),
         (not all(map(math.isfinite, figures)), 'every figure must be finite'),
         (min(ability) <= 0, 'every figure of a kart must be above 0'),

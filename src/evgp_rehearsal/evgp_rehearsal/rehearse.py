@@ -30,9 +30,6 @@ from evgp_rehearsal.plan import checked, Plan, PlanError, read_plan
 from rich.console import Console
 from rich.text import Text
 
-NO_INCIDENT = "No incident began. Begin one on the instructor's page, or with --incident spin."
-"""Text at the end of a rehearsal without an incident."""
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """
@@ -111,7 +108,8 @@ def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.N
                 rehearsal.wait_for_end(number)
                 _show(console, rehearsal.debriefs()[number])
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C would lose the debriefs
-        lines = [line for each in rehearsal.debriefs() for line in each] or [NO_INCIDENT]
+        none = "No incident began. Begin one on the instructor's page, or with --incident spin."
+        lines = [line for each in rehearsal.debriefs() for line in each] or [none]
         _show(console, lines)
         if given.debrief is not None:
             given.debrief.write_text('\n'.join([*lines, '']), encoding='utf-8')

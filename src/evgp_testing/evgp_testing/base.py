@@ -63,10 +63,11 @@ class Motion:
         """
         Apply a command, with a speed in m/s and the turn rate at that speed in rad/s.
 
-        The steering angle follows from both, so the kart turns more slowly at a lower speed.
+        The steering angle follows from both, so the kart turns more slowly at a lower speed. A
+        speed that is NaN brakes.
         """
         self.advance(now)
-        self._wanted, self._commanded_at = max(speed, 0.0), now
+        self._wanted, self._commanded_at = max(0.0, speed), now
         self._curvature = turn / speed if speed > 0.0 else self._curvature
 
     def advance(self, now: float) -> None:

@@ -13,16 +13,15 @@ import time
 from typing import Any
 
 from evgp_node.qos import latched
-from evgp_node.services import service_class
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, kinds_by_service
-from evgp_rcs_msgs import msg
+from evgp_rcs_msgs import msg, srv
 from evgp_testing.judge import Call, Judge
 from evgp_testing.ros_side import RosSide
 from rclpy.qos import QoSProfile
 
-SERVICES = {entry.service: service_class(entry.service_type) for entry in CATALOGUE.values()}
+SERVICES = {entry.service: getattr(srv, entry.service_type) for entry in CATALOGUE.values()}
 """Every official's command, by the name of its service below ``/rcs/``."""
 
 SEES = {

@@ -52,3 +52,11 @@ def test_a_kart_without_commands_brakes() -> None:
     assert motion.speed == 4.0
     motion.advance(now + COMMAND_TIMEOUT + 0.5)
     assert motion.speed == pytest.approx(0.0, abs=0.2)
+
+
+def test_a_kart_that_is_commanded_nan_brakes() -> None:
+    motion = Motion(0.0)
+    now = drive(motion, 4.0, 0.0, 10.0)
+    motion.command(now, math.nan)
+    motion.advance(now + COMMAND_TIMEOUT)
+    assert motion.speed == 0.0

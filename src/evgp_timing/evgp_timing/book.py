@@ -34,9 +34,6 @@ STREAM_LASTS_NS = 12 * 3_600 * 10**9
 """Maximum age of a stream, in nanoseconds. Then the timekeeper begins a new one, because a race is
 as old as its stream."""
 
-BOOT = pathlib.Path('/proc/sys/kernel/random/boot_id')
-"""File with the machine's boot id."""
-
 Entry = Began | desk.Input | Standings
 
 STREAM: Stream[Entry] = Stream(get_args(Entry))
@@ -66,7 +63,7 @@ class Book:
     def __init__(self, path: pathlib.Path) -> None:
         self._path = path
         self._entries = self._blocks = self._began_ns = 0
-        self._boot = BOOT.read_text(encoding='ascii').strip()
+        self._boot = pathlib.Path('/proc/sys/kernel/random/boot_id').read_text('ascii').strip()
         # What to add to the times of each start of the machine. The streams of one start share it,
         # so that their times agree to the nanosecond, whatever happened to the wall clock.
         self._moved = {self._boot: 0.0}

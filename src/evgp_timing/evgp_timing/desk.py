@@ -40,7 +40,7 @@ from evgp_node.results import (
     Standings,
 )
 from evgp_node.roster import Format, Heat
-from evgp_timing.laps import Laps, LapSettings, overall, Taken
+from evgp_timing.laps import Crossing, Laps, LapSettings, overall
 
 MOST_SEEN = 100_000
 """Maximum number of passings that the desk remembers to recognise repeats."""
@@ -194,11 +194,6 @@ class Race:
         """Return the name of the race's heat, or an empty string."""
         return self.laps.heat
 
-    @property
-    def is_official(self) -> bool:
-        """Return whether an official has published the current results."""
-        return bool(self.published) and self.published == self.laps.results
-
 
 class Desk:
     """
@@ -288,11 +283,10 @@ class Desk:
         """Record a FINISH. If only one lap is missing, FINISH counts as the last crossing."""
         laps = race.laps
         if laps.wanted and len(laps.counted.get(kart, ())) == laps.wanted:
-            identity = Identity(BY_HAND, f'{race.run} {race.number}', self._by_hand(race))
-            laps, taken = laps.take([Passing(*identity, kart=kart)], at)
-            if taken and taken[0].mark is Mark.COUNTED:
-                race.by_finish[kart] = taken[0].passing.identity
-        race.laps = laps.finish(kart, at)
+            seen = self._count(race, kart, at)
+            if seen is not None and seen.mark is Mark.COUNTED:
+                race.by_finish[kart] = seen.passing.identity
+        race.laps = race.laps.finish(kart, at)
 
     def _undo_finish(self, race: Race, kart: int) -> None:
         race.undone.add(kart)
@@ -323,17 +317,21 @@ class Desk:
                     race.by_finish[kart] = identity  # a beam saw what FINISH had recorded
 
     @staticmethod
-    def _take_its_place(race: Race, seen: Taken) -> None:
+    def _take_its_place(race: Race, seen: Crossing) -> None:
         """Replace the crossing recorded for a FINISH with one that a source saw, if it counts."""
         identity = seen.passing.identity
         laps = race.laps.strike(race.by_finish[seen.kart], f'seen by {identity}')
-        marks = zip(laps.crossings, laps.marks, strict=True)
-        if any(each.passing.identity == identity and mark is Mark.COUNTED for each, mark in marks):
+        counts = (each.passing.identity for each in laps.crossings if each.mark is Mark.COUNTED)
+        if identity in counts:
             race.laps = laps
 
-    def _by_hand(self, race: Race) -> int:
-        """Return the number of the next passing that an official enters."""
-        return 1 + sum(each.passing.source == BY_HAND for each in race.laps.crossings)
+    @staticmethod
+    def _count(race: Race, kart: int, at: float) -> Crossing | None:
+        """Take an official's passing; return its crossing, or None if too many arrive."""
+        number = 1 + sum(each.passing.source == BY_HAND for each in race.laps.crossings)
+        press = Passing(BY_HAND, f'{race.run} {race.number}', number, kart)
+        race.laps, taken = race.laps.take([press], at)
+        return taken[0] if taken else None
 
     def finishes(self) -> Iterator[Finish]:
         """Yield a FINISH for each kart of the newest race that has all its laps but no FINISH."""
@@ -421,14 +419,9 @@ class Desk:
         race.published = ()  # the published results are out of date
         match asked.act:
             case Act.COUNT:
-                identity = BY_HAND, f'{race.run} {race.number}', self._by_hand(race)
-                race.laps, taken = laps.take([Passing(*identity, kart=kart)], now)
-                became = (
-                    taken[0].mark.value
-                    if taken
-                    else 'not accepted: too many passings are arriving'
-                )
-                return f'kart {kart} crossed the line: {became}'
+                seen = self._count(race, kart, now)
+                too_many = 'not accepted: too many passings are arriving'
+                return f'kart {kart} crossed the line: {seen.mark.value if seen else too_many}'
             case Act.STRIKE:
                 race.laps = laps.strike(asked.passing, f'{asked.reason} ({asked.official})')
                 return f'passing {asked.passing} is struck out'
@@ -514,7 +507,7 @@ class Desk:
             karts=laps.results,
             overall=self.best(laps.format),
             passings=tuple(laps.last_passings(MOST_PASSINGS)),
-            published=race.is_official,
+            published=bool(race.published) and race.published == laps.results,
         )
 
     def _listed(self) -> Iterator[RaceOfEvent]:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import os
 import select
 import socket
@@ -77,8 +76,3 @@ def read(device: Device, timeout: float) -> bytes:
     if not data:
         raise ConnectionError('the device closed the connection')
     return data
-
-
-def control_line(device: Device, name: str) -> Callable[[], bool]:
-    """Return a function that reads a control line (cts, dsr, cd or ri) of a serial port."""
-    return lambda: bool(getattr(device, name))

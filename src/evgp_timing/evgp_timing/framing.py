@@ -55,8 +55,8 @@ class Framing:
     :ivar escape: the escape byte.
     :ivar shift: the number added to a byte that follows an escape byte.
     :ivar head: the bytes between the first mark and the type, with zeros for computed values.
-    :ivar length_at: index of the two bytes of the length in the unescaped record.
-    :ivar checksum_at: index of the two bytes of the checksum in the unescaped record.
+    :ivar length_at: index of the two bytes of the length in the unescaped record, which the two
+        bytes of the checksum follow.
     :ivar checksum: a function that computes the checksum of an unescaped record.
     :ivar may_lack_checksum: whether a checksum of 0 means that the record has none and is valid.
     """
@@ -67,7 +67,6 @@ class Framing:
     shift: int
     head: bytes
     length_at: int
-    checksum_at: int
     checksum: Callable[[bytes], int]
     may_lack_checksum: bool = False
 
@@ -77,7 +76,7 @@ class Framing:
         record = bytearray((self.begin, *self.head, *kind.to_bytes(2, 'little'), *body, self.end))
         record[_two(self.length_at)] = len(record).to_bytes(2, 'little')
         checksum = self.checksum(bytes(record)).to_bytes(2, 'little')
-        record[_two(self.checksum_at)] = checksum
+        record[_two(self.length_at + 2)] = checksum
         special = (self.begin, self.end, self.escape)
         inside = (
             (self.escape, byte + self.shift) if byte in special else (byte,)
@@ -97,7 +96,7 @@ class Framing:
         at, last = 1 + len(self.head) + 2, len(record) - 1
         if last < at:
             return Refused('a record is too short')
-        place = _two(self.checksum_at)
+        place = _two(self.length_at + 2)
         checksum, record[place] = record[place], b'\0\0'
         checked = self.checksum(bytes(record)) == int.from_bytes(checksum, 'little')
         # The rest of a truncated record may also have zeros in that place.
@@ -128,6 +127,8 @@ class MarkedDecoder:
     """
     A decoder that finds the data between two marks in a stream, and skips all other bytes.
 
+    It decodes the bytes of one connection and never raises an exception.
+
     :param read: a function that interprets the bytes between the marks.
     """
 
@@ -138,7 +139,7 @@ class MarkedDecoder:
         self._inside: bytes | None = None
 
     def feed(self, data: bytes) -> list[Event]:
-        """Return the events that these bytes complete."""
+        """Return the events that these bytes complete. The bytes may be split anywhere."""
         found: list[Event] = []
         for part in self._marks.split(data):
             if part.startswith(self._begin):

@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from evgp_timing import ilap, laprf, lines, p3
-from evgp_timing.passings import Decoder
+from evgp_timing.framing import MarkedDecoder
 
 CONTACT = 'contact'
 """The only kind without a decoder: a control line of a serial port."""
 
-DECODERS: dict[str, Callable[[], Decoder]] = {
+DECODERS: dict[str, Callable[[], MarkedDecoder]] = {
     'ilap': ilap.decoder,
     'laprf': laprf.decoder,
     'lines': lines.decoder,

@@ -49,7 +49,6 @@ LAPRF = Framing(
     shift=0x40,
     head=b'\0\0\0\0',  # length, checksum
     length_at=1,
-    checksum_at=3,
     checksum=checksum,
 )
 

@@ -82,27 +82,15 @@ class Crossing(NamedTuple):
     :param came: when the passing arrived or, if the timekeeper was away then, when the kart
         crossed, in seconds.
     :param at: when the kart crossed, in seconds.
+    :param kart: number of the kart that crossed; 0 if it is unknown.
+    :param mark: how the passing was judged.
     """
 
     passing: Passing
     came: float
     at: float
-
-
-class Taken(NamedTuple):
-    """
-    How a passing was judged when it arrived.
-
-    :param kart: number of the kart that crossed; 0 if it is unknown.
-    :param lap: number of the lap that the passing completed; 0 if it completed none.
-    :param seconds: time of that lap, in seconds.
-    """
-
-    passing: Passing
-    kart: int
-    mark: Mark
-    lap: int = 0
-    seconds: float = 0.0
+    kart: int = 0
+    mark: Mark = Mark.UNKNOWN
 
 
 @dataclass(frozen=True)
@@ -142,13 +130,11 @@ class Laps:
     :param ended: when the race was stopped or ended, in seconds since GREEN_GREEN.
     :param finished: when each kart finished, in seconds since GREEN_GREEN.
     :param left: when each kart left the race, in seconds since GREEN_GREEN.
-    :param crossings: every accepted passing, in order of arrival.
+    :param crossings: every accepted passing, in order of arrival, and how it was judged.
     :param struck: the passings that were struck out, and why.
     :param given: the karts to which officials assigned unidentified passings.
     :param penalties: the penalties, in the order in which officials gave them.
     :param counted: the times of each kart's counted crossings, in seconds since GREEN_GREEN.
-    :param marks: how each crossing was judged.
-    :param unknown: transponders that do not belong to any kart.
     :param clocks: sources whose clocks disagreed with the arrival times.
     :param over: number of surplus passings, by source.
     :param rates: the passings accepted from each source.
@@ -170,8 +156,6 @@ class Laps:
     given: Mapping[Identity, int] = field(default_factory=dict)
     penalties: tuple[Penalty, ...] = ()
     counted: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
-    marks: tuple[Mark, ...] = ()
-    unknown: frozenset[str] = frozenset()
     clocks: frozenset[str] = frozenset()
     over: Mapping[str, int] = field(default_factory=dict)
     rates: Mapping[str, _Rate] = field(default_factory=dict)
@@ -182,9 +166,9 @@ class Laps:
 
     def take(
         self, passings: Iterable[Passing], now: float, dropped: int = 0, away: float = 0.0
-    ) -> tuple[Laps, list[Taken]]:
+    ) -> tuple[Laps, list[Crossing]]:
         """
-        Add passings that arrive now, and return the new laps and how each passing was judged.
+        Add passings that arrive now, and return the new laps and the judged crossings.
 
         :param passings: the passings, none of which has arrived before.
         :param now: the time, in seconds on the rules' clock.
@@ -205,7 +189,7 @@ class Laps:
                     return laps, [seen]
             others = len(rates) - (BY_HAND in rates)
             is_taken = source == BY_HAND or others < MOST_SOURCES
-            rate = rates.get(source, _Rate() if is_taken else _FULL)
+            rate = rates.get(source, _Rate(taken=0 if is_taken else MOST_A_RACE))
             if came - rate.since >= 1.0:
                 rate = rate._replace(since=came, lately=0)
             if rate.lately >= MAX_RATE or rate.taken >= MOST_A_RACE:
@@ -241,14 +225,13 @@ class Laps:
             self, rates=rates, over=over, anchors=anchors, clocks=frozenset(clocks)
         )
         laps, taken = laps._judge(crossings)
-        for place, (each, crossing) in enumerate(zip(taken, crossings, strict=True)):
-            if each.mark is Mark.UNKNOWN and (press := laps._press_before(crossing)):
+        for place, each in enumerate(taken):
+            if each.mark is Mark.UNKNOWN and (press := laps._press_before(each)):
                 struck = {
                     **laps.struck,
                     press.passing.identity: f'seen by {each.passing.identity}',
                 }
-                laps, seen = laps._give(crossing, press.passing.kart, struck=struck)
-                taken[place] = seen._replace(lap=0)  # the official's passing reported it
+                laps, taken[place] = laps._give(each, press.passing.kart, struck=struck)
         return laps, taken
 
     def _shows_jump(self, one: Crossing, later: Crossing) -> bool:
@@ -258,7 +241,8 @@ class Laps:
         Sources report crossings in order. The clock therefore jumped if the source has already
         reported a crossing of this race, or if its clock has kept step with the arrivals since.
         """
-        if not _is_before(one.passing, later.passing):
+        source, session, number = one.passing.identity
+        if later.passing.identity[:2] != (source, session) or later.passing.number <= number:
             return False
         tolerance, since = self.settings.clock_tolerance, later.came - one.came
         in_step = since > tolerance and abs(later.at - one.at - since) <= tolerance
@@ -266,66 +250,46 @@ class Laps:
 
     def _waiting(self, came: float) -> Crossing | None:
         """Return the oldest unidentified crossing that an official may be identifying now."""
-        lately = (each for each in self._nobody if came - each.came <= BEAM_PRESS)
-        return next(lately, None)
+        lately = (each for each in self._unknown if came - each.came <= BEAM_PRESS)
+        return next((each for each in lately if not each.passing.transponder), None)
 
     def _press_before(self, crossing: Crossing) -> Crossing | None:
         """Return the oldest passing by an official that this crossing replaces, or None."""
         found = None
-        for each, mark in zip(reversed(self.crossings), reversed(self.marks), strict=True):
+        for each in reversed(self.crossings):
             later = crossing.came - each.came
             if crossing.passing.transponder or later > self.settings.clock_tolerance:
                 break
             # While the timekeeper was away, the kart may have crossed long before this press.
             is_near = later >= -BEAM_PRESS
-            if is_near and each.passing.source == BY_HAND and mark is Mark.COUNTED:
-                kart = each.passing.kart
-                others = tuple(at for at in self.counted[kart] if at != each.at)
-                if self._mark(crossing, kart, others) is Mark.COUNTED:
+            if is_near and each.passing.source == BY_HAND and each.mark is Mark.COUNTED:
+                others = tuple(at for at in self.counted[each.kart] if at != each.at)
+                if self._mark(crossing, each.kart, others) is Mark.COUNTED:
                     found = each
         return found
 
-    def _give(self, crossing: Crossing, kart: int, **changes: Any) -> tuple[Laps, Taken]:
+    def _give(self, crossing: Crossing, kart: int, **changes: Any) -> tuple[Laps, Crossing]:
         """Assign an unidentified crossing to a kart and return how it is then judged."""
-        identity = crossing.passing.identity
-        laps = self.again(given={**self.given, identity: kart}, **changes)
-        before, times = len(self.counted.get(kart, ())), laps.counted.get(kart, ())
-        mark = laps.marks[laps.crossings.index(crossing)]
-        if len(times) <= max(before, 1):
-            return laps, Taken(crossing.passing, kart, mark)
-        return laps, Taken(crossing.passing, kart, mark, len(times) - 1, times[-1] - times[-2])
+        passing = crossing.passing
+        laps = self.again(given={**self.given, passing.identity: kart}, **changes)
+        return laps, next(each for each in laps.crossings if each.passing == passing)
 
     def take_back(self, identity: Identity) -> Laps:
         """Undo that an unidentified crossing was assigned to a kart."""
         return self.again(given={key: kart for key, kart in self.given.items() if key != identity})
 
-    def _judge(self, crossings: Sequence[Crossing]) -> tuple[Laps, list[Taken]]:
+    def _judge(self, crossings: Sequence[Crossing]) -> tuple[Laps, list[Crossing]]:
         """Judge more crossings, in the order in which they arrived, and add them."""
         counted = dict(self.counted)
-        unknown = set(self.unknown)
-        taken = []
+        judged = []
         for crossing in crossings:
-            passing = crossing.passing
-            kart = self.kart_of(passing)
+            kart = self.kart_of(crossing.passing)
             mark = self._mark(crossing, kart, counted.get(kart, ()))
-            lap, seconds = 0, 0.0
             if mark is Mark.COUNTED:
-                times = counted[kart] = (*counted.get(kart, ()), crossing.at)
-                lap = len(times) - 1
-                seconds = times[-1] - times[-2] if lap else 0.0
-            elif mark is Mark.UNKNOWN and passing.transponder:
-                unknown.add(passing.transponder)
-            taken.append(Taken(passing, kart, mark, lap, seconds))
-        return (
-            dataclasses.replace(
-                self,
-                crossings=(*self.crossings, *crossings),
-                counted=counted,
-                marks=(*self.marks, *(each.mark for each in taken)),
-                unknown=frozenset(unknown),
-            ),
-            taken,
-        )
+                counted[kart] = (*counted.get(kart, ()), crossing.at)
+            judged.append(Crossing(crossing.passing, crossing.came, crossing.at, kart, mark))
+        together = (*self.crossings, *judged)
+        return dataclasses.replace(self, crossings=together, counted=counted), judged
 
     def _mark(self, crossing: Crossing, kart: int, times: tuple[float, ...]) -> Mark:
         if crossing.passing.identity in self.struck:
@@ -363,9 +327,7 @@ class Laps:
         changed = dataclasses.replace(self, **changes)
         ends = self.settings.first_crossing == 'ends'
         begun = dict.fromkeys(changed.karts, (0.0,) * ends)
-        fresh = dataclasses.replace(
-            changed, counted=begun, crossings=(), marks=(), unknown=frozenset()
-        )
+        fresh = dataclasses.replace(changed, counted=begun, crossings=())
         return fresh._judge(self.crossings)[0]
 
     def strike(self, identity: Identity, why: str) -> Laps:
@@ -414,12 +376,9 @@ class Laps:
         return bool(self.wanted) and len(self.counted.get(kart, ())) > self.wanted
 
     @functools.cached_property
-    def _nobody(self) -> tuple[Crossing, ...]:
-        """Return the unidentified crossings, oldest first."""
-        marked = zip(self.crossings, self.marks, strict=True)
-        return tuple(
-            each for each, mark in marked if mark is Mark.UNKNOWN and not each.passing.transponder
-        )
+    def _unknown(self) -> tuple[Crossing, ...]:
+        """Return the crossings of unknown karts, oldest first."""
+        return tuple(each for each in self.crossings if each.mark is Mark.UNKNOWN)
 
     def trouble(self, now: float) -> str:
         """Return a sentence about the problems with the passings, or an empty string."""
@@ -429,9 +388,10 @@ class Laps:
             phrases.append(f'the clock of {who} jumped, or its passings arrived late')
         for source, count in sorted(self.over.items()):
             phrases.append(f'{count} passings from {source} were over the limit and do not count')
-        if self.unknown:
-            phrases.append(f'no kart has the transponder {_some(self.unknown)}')
-        if self._nobody and now - self.green - self._nobody[0].came > BEAM_PRESS:
+        if unknown := {each.passing.transponder for each in self._unknown} - {''}:
+            phrases.append(f'no kart has the transponder {_some(unknown)}')
+        unnamed = (each.came for each in self._unknown if not each.passing.transponder)
+        if now - self.green - next(unnamed, math.inf) > BEAM_PRESS:
             phrases.append('a kart crossed the line but was not identified')
         return f'Check the laps: {"; ".join(phrases)}' if phrases else ''
 
@@ -447,27 +407,21 @@ class Laps:
 
     def last_passings(self, most: int) -> list[Judged]:
         """Return up to this many of the latest passings, oldest first."""
-        shown = zip(self.crossings[-most:], self.marks[-most:], strict=True)
         return [
             Judged(
                 each.passing,
-                self.kart_of(each.passing),
-                mark,
+                each.kart,
+                each.mark,
                 each.at,
                 self.struck.get(each.passing.identity, ''),
             )
-            for each, mark in shown
+            for each in self.crossings[-most:]
         ]
-
-    def lap_times(self, kart: int) -> tuple[float, ...]:
-        """Return the lap times of a kart, in seconds."""
-        times = self.counted.get(kart, ())
-        return tuple(after - before for before, after in itertools.pairwise(times))
 
     def result(self, kart: int) -> KartResult:
         """Return the result of a kart that started, without its place."""
         times = self.counted.get(kart, ())
-        lap_times = self.lap_times(kart)
+        lap_times = tuple(after - before for before, after in itertools.pairwise(times))
         penalties = tuple(each for each in self.penalties if each.kart == kart)
         laps = max(0, len(lap_times) - sum(each.laps for each in penalties))
         total = None
@@ -475,25 +429,19 @@ class Laps:
             begun = 0.0 if self.format is Format.RACE else times[0]
             total = times[-1] - begun + sum(each.seconds for each in penalties)
         running = self.ended == math.inf and kart not in self.left
+        done = kart in self.finished or self.is_done(kart)
         if any(each.disqualified for each in penalties):
             status = Status.DISQUALIFIED
-        elif running and not (kart in self.finished or self.is_done(kart)):
+        elif running and not done:
             status = Status.RUNNING
         elif not lap_times:
             status = Status.NOT_CLASSIFIED
-        elif kart in self.finished or self.is_done(kart):
+        elif done or self.format is Format.PRACTICE:
             status = Status.CLASSIFIED
         else:
-            status = Status.CLASSIFIED if self.format is Format.PRACTICE else Status.DNF
+            status = Status.DNF
         return KartResult(kart, 0, status, laps, total, lap_times, penalties)
 
-
-def _is_before(one: Passing, other: Passing) -> bool:
-    """Return whether a source reported one passing before the other."""
-    return one.identity[:2] == other.identity[:2] and one.number < other.number
-
-
-_FULL = _Rate(taken=MOST_A_RACE)
 
 _GROUP = {Status.DNF: 1, Status.NOT_CLASSIFIED: 2, Status.DISQUALIFIED: 3}
 

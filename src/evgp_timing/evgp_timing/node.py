@@ -10,7 +10,6 @@ reports the device's condition, once a second.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import contextlib
 import dataclasses
 import math
@@ -22,7 +21,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.graph import where_reachable
-from evgp_node.parameters import ParameterError, Parameters, StrictNode
+from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
 from evgp_node.qos import latched
 from evgp_node.stamps import stamp, stamp_of
@@ -30,7 +29,7 @@ from evgp_protocol import clock
 from evgp_rcs_msgs import msg
 from evgp_timing.account import Account
 from evgp_timing.contact import Contact, STUCK
-from evgp_timing.device import connect, control_line, Device, read, split
+from evgp_timing.device import connect, Device, read, split
 from evgp_timing.kinds import CONTACT, DECODERS
 from evgp_timing.passings import Event, Passing
 from rclpy.clock import Clock, ClockType
@@ -79,7 +78,7 @@ class TimingSource(StrictNode):
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         """Read the parameters and start connecting to the device."""
         super().__init__('timing_source', **{'namespace': 'rcs', **node_options})
-        self._settings = read_settings(Parameters(self))
+        self._settings = read_settings(self)
         self._passings = self.create_publisher(msg.Passing, 'passings', PASSINGS_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         gates = frozenset(each.strip() for each in self._settings.gates.split(','))
@@ -129,7 +128,7 @@ class TimingSource(StrictNode):
     def _follow(self, device: Device) -> None:
         """Publish the device's passings until this node ends or the device is gone."""
         if self._settings.kind == CONTACT:
-            self._follow_contact(control_line(device, self._settings.line))
+            self._follow_contact(device)
             return
         decoder, since = DECODERS[self._settings.kind](), clock.now()
         at_tcp = split(self._settings.device) is not None
@@ -142,10 +141,11 @@ class TimingSource(StrictNode):
             if at_tcp and self._is_silent(now, since):
                 return
 
-    def _follow_contact(self, is_active: Callable[[], bool]) -> None:
+    def _follow_contact(self, device: Device) -> None:
         contact = Contact(self._settings.debounce)
         while not self._ending.is_set():
-            broken, now = is_active() is not self._settings.inverted, clock.now()
+            is_active, now = bool(getattr(device, self._settings.line)), clock.now()
+            broken = is_active is not self._settings.inverted
             if contact.look(broken, now):
                 self._take(Passing(time_us=time.time_ns() // 1000), now)
             self._stuck = contact.is_stuck(now)
@@ -218,13 +218,13 @@ class TimingSource(StrictNode):
         return now - max(self._account.heard_at, since) >= after
 
 
-def read_settings(parameters: Parameters) -> TimingSettings:
+def read_settings(node: StrictNode) -> TimingSettings:
     """
     Declare every parameter of the node, and return the values.
 
     :raises ParameterError: if a parameter is wrong.
     """
-    declare, default = parameters.declare, TimingSettings
+    declare, default = node.declare, TimingSettings
     kinds = (CONTACT, *DECODERS)
     settings = TimingSettings(
         kind=declare('kind', '', f'Kind of device: {", ".join(kinds)}.'),
@@ -251,7 +251,7 @@ def read_settings(parameters: Parameters) -> TimingSettings:
             'Numbers or labels of transponders that belong to gates and not to karts: 9992, 9995.',
         ),
     )
-    parameters.refuse_unknown()
+    node.refuse_unknown()
     for name, value, possible in (
         ('kind', settings.kind, kinds),
         ('line', settings.line, LINES),

@@ -55,7 +55,6 @@ P3 = Framing(
     shift=0x20,
     head=b'\x02\0\0\0\0\0\0',  # version, length, checksum, flags
     length_at=2,
-    checksum_at=4,
     checksum=checksum,
     may_lack_checksum=True,
 )

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 MAX_RATE = 200
 """Maximum number of passings accepted from one source per second. The source's node drops further
@@ -52,10 +52,3 @@ class Sign:
 
 
 Event: TypeAlias = Passing | Refused | Sign
-
-
-class Decoder(Protocol):
-    """A decoder of the bytes from one connection, which never raises an exception."""
-
-    def feed(self, data: bytes) -> list[Event]:
-        """Return the events that these bytes complete. The bytes may be split anywhere."""

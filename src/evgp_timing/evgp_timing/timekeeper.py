@@ -26,23 +26,22 @@ import pathlib
 import sys
 import threading
 import time
-from typing import Any, ParamSpec
+from typing import Any
 
 from evgp_node.codec import message_of, value_of
 from evgp_node.entries import OF_TIMEKEEPER
 from evgp_node.folder import rcs_folder
 from evgp_node.graph import where_reachable
 from evgp_node.official import heard, tidy, TIMEKEEPER
-from evgp_node.parameters import ParameterError, Parameters, StrictNode
+from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
 from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Passing, Standings
 from evgp_node.roster import load_roster, RosterError
-from evgp_node.services import service_class
 from evgp_node.stamps import seconds_of
 from evgp_node.stream import BOOK, Gap
 from evgp_protocol import clock
-from evgp_rcs_msgs import msg
+from evgp_rcs_msgs import msg, srv
 from evgp_rcs_msgs.srv import KartFinish
 from evgp_timing.book import Book, BookError
 from evgp_timing.corrections import CORRECTIONS
@@ -62,8 +61,6 @@ from evgp_timing.desk import (
 from evgp_timing.laps import LapSettings
 from rclpy.clock import Clock, ClockType
 from rclpy.task import Future
-
-_P = ParamSpec('_P')
 
 RESULTS_QOS = latched(1)
 """QoS of ``~/results``, which gives a late subscriber the current results at once."""
@@ -114,18 +111,14 @@ _COMMANDS = {
 
 def told_of(event: msg.RaceEvent, run: str) -> Told | None:
     """Return how an event from race control affects the laps; None if it does not."""
-    what = None
+    what, state = None, event.state.state
+    is_green = state == msg.RaceState.GREEN_GREEN
     if event.kind == msg.RaceEvent.COMMAND and event.success:
         what = _COMMANDS.get(event.command)
-    elif event.kind == msg.RaceEvent.RACE_STATE:
-        green = event.state.state == msg.RaceState.GREEN_GREEN
-        what = What.GREEN_GREEN if green else What.OVER
-        if event.state.state == msg.RaceState.GRID_ACTIVE:
-            what = None  # the command's event already means this
-    elif (event.kind, event.state.state) == (
-        msg.RaceEvent.KART_STATE,
-        msg.RaceState.GREEN_GREEN,
-    ):
+    # The event of the command already means GRID_ACTIVE.
+    elif event.kind == msg.RaceEvent.RACE_STATE and state != msg.RaceState.GRID_ACTIVE:
+        what = What.GREEN_GREEN if is_green else What.OVER
+    elif event.kind == msg.RaceEvent.KART_STATE and is_green:
         what = What.SENT_GREEN
     if what is None:
         return None
@@ -185,7 +178,7 @@ class Timekeeper(StrictNode):
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         """Restore this event's races from the book and start to listen."""
         super().__init__('timekeeper', **{'namespace': 'rcs', **node_options})
-        settings = read_settings(Parameters(self))
+        settings = read_settings(self)
         self._on_failure = on_failure
         self._settings = settings
         roster = read_roster(settings.roster)
@@ -208,14 +201,14 @@ class Timekeeper(StrictNode):
         self._ended = False
         self._asked: dict[Finish, tuple[float, Future]] = {}
         self._shown: Standings | None = None
-        self._shown_at = self._kept_at = self._noted_at = -math.inf
+        self._kept_at = self._noted_at = -math.inf
         self._kept: Standings | None = None
         self._results = self.create_publisher(msg.Results, '~/results', RESULTS_QOS)
         self._finish = self.create_client(KartFinish, 'kart/finish')
         for act, entry in CORRECTIONS.items():
             if act is not Act.RESTORE:
                 name = entry.service.removeprefix(OF_TIMEKEEPER)
-                self._offer(name, service_class(entry.service_type), act)
+                self._offer(name, getattr(srv, entry.service_type), act)
         subscribe = self.create_subscription
         subscribe(msg.RaceEvents, 'events', self._alone(self._hear), EVENTS_QOS)
         subscribe(msg.Passing, 'passings', self._alone(self._see), ARRIVING_QOS)
@@ -233,17 +226,17 @@ class Timekeeper(StrictNode):
             self._keep(clock.now(), at_once=True)
             self._book.close()
 
-    def _alone(self, callback: Callable[_P, None]) -> Callable[_P, None]:
+    def _alone(self, callback: Callable[..., None]) -> Callable[..., None]:
         """Return a callback that never runs at the same time as another, or on a closed node."""
 
-        def run(*arguments: _P.args, **named: _P.kwargs) -> None:
+        def run(*arguments: Any) -> None:
             with self._turn:
                 if not self._ended:
                     now = clock.now()
                     if now - self._awake > HANG:
                         self._away_since, self._back = self._awake, now
                     self._awake = now
-                    callback(*arguments, **named)
+                    callback(*arguments)
 
         return run
 
@@ -268,11 +261,10 @@ class Timekeeper(StrictNode):
     def _hear(self, message: msg.RaceEvents) -> None:
         self._take_waiting()
         for event in message.events:
-            last = self._last.get(message.run)
-            if last is not None and event.sequence <= last:
+            last = self._last.get(message.run, 0)
+            if event.sequence <= last:
                 continue
-            missed = event.sequence - 1 - (last or 0)
-            if missed:
+            if missed := event.sequence - 1 - last:
                 self._take(Missed(clock.now(), message.run, missed))
             self._last[message.run] = event.sequence
             told = told_of(event, message.run)
@@ -360,12 +352,8 @@ class Timekeeper(StrictNode):
             first = names.index((last.run, last.race))
             for race in self._desk.races[first:-1]:
                 self._write_results(self._desk.standings(now, race))
-        if (
-            self._shown is None
-            or seen[1:] != self._shown[1:]
-            or now - self._shown_at > SHOWN_EVERY
-        ):
-            self._shown, self._shown_at = seen, now
+        if last is None or seen[1:] != last[1:] or now - last.stamp > SHOWN_EVERY:
+            self._shown = seen
             wall_ns = time.time_ns() - round(now * 1e9)
             self._results.publish(message_of(seen, msg.Results, wall_ns))
         self._keep(now)
@@ -417,13 +405,13 @@ def _asked_for(act: Act, request: Any) -> Correction:
     return Correction(act, heard(request.official), **taken)
 
 
-def read_settings(parameters: Parameters) -> Settings:
+def read_settings(node: StrictNode) -> Settings:
     """
     Declare every parameter of the node, and return the values.
 
     :raises ParameterError: if a parameter is wrong.
     """
-    declare, default = parameters.declare, LapSettings
+    declare, default = node.declare, LapSettings
     roster = declare('roster', '', "Race control's roster: the file that lists the karts.")
     book = declare('book', '', 'The book, a file. Empty: evgp_rcs/timing.sqlite3 in ROS_HOME.')
     settings = LapSettings(
@@ -445,7 +433,7 @@ def read_settings(parameters: Parameters) -> Settings:
             (0.01, 10),
         ),
     )
-    parameters.refuse_unknown(own_file=True)
+    node.refuse_unknown(own_file=True)
     if settings.first_crossing not in ('starts', 'ends'):
         raise ParameterError(
             f'parameter first_crossing: {settings.first_crossing!r} is not valid. Set starts or '

@@ -30,11 +30,10 @@ from evgp_node.process import join_graph
 from evgp_node.qos import latched
 from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_node.results import Standings
-from evgp_node.services import service_class
 from evgp_node.spinning import Spinning
 from evgp_node.stamps import seconds_of
 from evgp_node.states import state_of
-from evgp_rcs_msgs import msg
+from evgp_rcs_msgs import msg, srv
 from evgp_timing.corrections import CORRECTIONS
 from evgp_timing.desk import Answer
 from rcl_interfaces.msg import ParameterDescriptor
@@ -77,7 +76,7 @@ class Client:
         fence_graph()
         self._services = {
             entry.service: self.node.create_client(
-                service_class(entry.service_type), f'rcs/{entry.service}'
+                getattr(srv, entry.service_type), f'rcs/{entry.service}'
             )
             for entry in CORRECTIONS.values()
         }
@@ -113,7 +112,7 @@ class Client:
             answered(Answer(False, 'the timekeeper was not found. Nothing was sent'))
             return
         signed = claim(official, platform.node(), os.getpid())
-        request = service_class(entry.service_type).Request(official=signed, **fields)
+        request = getattr(srv, entry.service_type).Request(official=signed, **fields)
 
         def tell(future: Any) -> None:
             if not future.cancelled():

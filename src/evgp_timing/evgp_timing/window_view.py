@@ -137,7 +137,7 @@ def rows(results: Standings, teams: Mapping[int, str]) -> list[Row]:
                 results.behind(kart.kart),
                 lap_time(kart.best),
                 lap_time(next(iter(kart.lap_times[-1:]), None)),
-                '; '.join(filter(None, (_status(results, kart), *map(str, kart.penalties)))),
+                '; '.join(filter(None, (_status(kart), *map(str, kart.penalties)))),
             ),
             bool(kart.penalties),
         )
@@ -145,7 +145,7 @@ def rows(results: Standings, teams: Mapping[int, str]) -> list[Row]:
     ]
 
 
-def _status(results: Standings, kart: KartResult) -> str:
+def _status(kart: KartResult) -> str:
     if kart.status is Status.RUNNING:
         return f'lap {len(kart.lap_times) + 1}'
     return _STATUS[kart.status]

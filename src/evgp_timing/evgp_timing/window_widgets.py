@@ -36,8 +36,6 @@ STOPS_NOTHING = 'This window cannot stop a race. To stop, use the race window or
 NO_WORD = 'The timekeeper has been silent for {age}: this window is out of date'
 NOT_SENT = '{label} was not sent: the timekeeper has been silent for {age}'
 NOT_ANSWERED = '{label}: no answer for {age}. Check the results before you press it again'
-LINE_SILENT = 'silent for {age}'
-NO_RACE_CONTROL = 'no contact with race control'
 NEWEST_FIRST = 'CROSSINGS, NEWEST FIRST'
 
 Give: TypeAlias = Callable[[Entry, str, Mapping[str, Any], Callable[[Answer], None]], None]
@@ -166,13 +164,13 @@ class TimekeeperWindow:
     def _refresh(self) -> None:
         """Process the news and show what is out of date and what was not answered."""
         self._take(self)
-        now, state = clock.now(), NO_RACE_CONTROL
+        now, state = clock.now(), 'no contact with race control'
         if now - self._race_heard <= TIMING_GONE and self._since < math.inf:
             state = f'{self._state} {lap_time(now - self._since, 0)}'
         wrong, well = list(self._results.questions), []
         for name, (where, trouble, heard) in self._lines.items():
             if now - heard > TIMING_GONE:
-                trouble = LINE_SILENT.format(age=_age(heard))
+                trouble = f'silent for {_age(heard)}'
             if trouble:
                 wrong.append(f'Timing line {name} ({where}): {trouble}')
             else:

@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+from evgp_timing.framing import MarkedDecoder
 from evgp_timing.kinds import DECODERS
-from evgp_timing.passings import Decoder, Event, Passing, Sign
+from evgp_timing.passings import Event, Passing, Sign
 
 RECORDED: dict[str, list[tuple[bytes, Event]]] = {
     # A capture of a MYLAPS decoder that github.com/vmindru/ambp3client has for its tests.
@@ -118,7 +119,7 @@ P3_FIELD: list[tuple[bytes, Event]] = [
 """What decoders in the field send."""
 
 
-def feed_all(decoder: Decoder, pieces: list[bytes]) -> list[Event]:
+def feed_all(decoder: MarkedDecoder, pieces: list[bytes]) -> list[Event]:
     """Return all that a decoder finds in these pieces."""
     return [event for piece in pieces for event in decoder.feed(piece)]
 

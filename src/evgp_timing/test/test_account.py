@@ -57,12 +57,6 @@ def test_no_two_passings_have_one_identity_and_no_number_leaves_its_range(
     assert made.taken == len(given_out)
 
 
-def test_a_device_that_counts_keeps_its_numbers() -> None:
-    made = account((1.0, passing(1.0, 41)))
-    assert made.take(passing(2.0, 42), 2.0) == 42
-    assert made.trouble(2.0) is None
-
-
 def test_a_passing_said_again_is_left_out_and_told() -> None:
     made = account((1.0, passing(1.0, 41)), (2.0, passing(2.0, 42)))
     session = made.session

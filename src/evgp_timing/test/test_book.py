@@ -127,15 +127,6 @@ def test_what_is_written_together_comes_back_and_results_are_for_reports_alone(
     assert known(path) == [TOLD, Passed(101.0, ()), TOLD]
 
 
-def test_of_two_timekeepers_with_one_book_the_second_is_refused(path: pathlib.Path) -> None:
-    first = Book(path)
-    with pytest.raises(BookError, match=r'another running timekeeper is using .*\. End'):
-        Book(path)
-    first.write(TOLD)
-    first.close()
-    assert known(path) == [TOLD]
-
-
 def no_database(path: pathlib.Path) -> None:
     path.write_bytes(b'no database' * 1000)
 
@@ -255,7 +246,7 @@ def test_a_timekeeper_that_restarted_in_a_race_keeps_its_times_after_a_start_of_
 
 
 def test_a_disk_that_takes_nothing_is_told_and_what_comes_later_is_written(
-    path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+    path: pathlib.Path,
 ) -> None:
     opened = Book(path)
     opened.write(TOLD)

@@ -138,7 +138,7 @@ def test_a_field_longer_than_its_record_is_refused(framing: Framing) -> None:
     whole = framing.encode(1, [(1, b'abc')])
     record = bytearray(whole)
     record[-5] = 200  # the length of the field
-    at = slice(framing.checksum_at, framing.checksum_at + 2)
+    at = slice(framing.length_at + 2, framing.length_at + 4)
     record[at] = b'\0\0'
     record[at] = framing.checksum(bytes(record)).to_bytes(2, 'little')
     assert isinstance(framing.unpack(whole[1:-1]), Record)

@@ -95,15 +95,6 @@ def test_a_penalty_changes_what_the_heats_come_to_at_once(day: Day, race: int) -
     assert day.overall() == [(1, 1), (2, 3)]
 
 
-def test_the_last_race_of_a_heat_counts_unless_nobody_had_a_lap(day: Day) -> None:
-    day.drive('TT 3', {3: 11.0})
-    day.drive('TT 3', {3: 12.0})
-    day.begin('TT 3')
-    day.tell(What.OVER)
-    (result,) = day.desk.best(Format.TIME_TRIAL)
-    assert result.total == pytest.approx(24.0)
-
-
 def test_a_kart_that_has_no_result_yet_is_the_last_to_start_and_the_last_turn(day: Day) -> None:
     late = (Heat(f'TT {kart}', (kart,), Format.TIME_TRIAL, 2, 'Practice') for kart in (5, 4))
     day.desk.roster = Roster((1, 2, 3, 4, 5), {}, (*HEATS, *late))

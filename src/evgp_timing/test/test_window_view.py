@@ -101,13 +101,6 @@ def test_a_row_has_what_the_timekeeper_says_of_a_kart() -> None:
     )
 
 
-def test_a_kart_that_has_not_crossed_the_line_is_in_its_first_lap() -> None:
-    assert view.rows(race(result(9, 0)), TEAMS)[0].cells == (
-        *('', '9', '', '0', '', ''),
-        *('', '', 'lap 1'),
-    )
-
-
 def test_a_gap_is_in_laps_or_in_seconds_and_in_practice_between_best_laps() -> None:
     results = race(result(7, 1, 40.0, 40.0), result(3, 2, 41.0, 42.5), result(5, 3, 39.0))
     assert cell(results, 3, 'GAP') == '+3.500'
@@ -204,11 +197,6 @@ def test_the_header_says_which_race_it_is_and_whether_its_results_are_published(
     assert view.about(published, 'over') == (
         'time trial · run of 14:31 · over · results published'
     )
-
-
-def test_before_the_first_race_the_header_says_so() -> None:
-    assert view.title(Standings()) == 'No race yet'
-    assert view.about(Standings(), 'IN GARAGE') == 'IN GARAGE'
 
 
 def test_a_correction_is_of_the_race_that_was_run_not_of_the_grid_that_forms() -> None:

@@ -57,10 +57,8 @@ function made(kind, name, ...parts) {
 
 const pad = (number) => String(number).padStart(2, '0');
 
-function timeOfDay(seconds) {
-  const whole = Math.floor(seconds) % 86400; // a message from before midnight may be shown after it
-  return [Math.floor(whole / 3600), Math.floor(whole / 60) % 60, whole % 60].map(pad).join(':');
-}
+// A message from before midnight may be shown after it.
+const timeOfDay = (seconds) => new Date(1000 * seconds).toISOString().slice(11, 19);
 
 function clock(seconds, digits = 0) {
   const whole = Math.floor(Math.max(0, seconds));

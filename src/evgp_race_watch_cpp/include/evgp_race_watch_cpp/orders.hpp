@@ -16,6 +16,7 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -75,6 +76,17 @@ struct Order
 /// Maximum duration of a doubt after which a stack still obeys GREEN_GREEN without a new
 /// GRID_ACTIVE, in seconds.
 constexpr double FORGIVEN = 1.0;
+
+/// Return the lease of a watch, in seconds.
+///
+/// \throws std::invalid_argument if a kart would drive on for too long after its bridge has died.
+inline double valid_lease(double lease)
+{
+  if (!(lease > 0.0 && lease <= 2.0)) {
+    throw std::invalid_argument("lease must be above 0 s and at most 2 s");
+  }
+  return lease;
+}
 
 /// The orders of one stack. All times are in seconds, from one clock that never goes back.
 class Orders

@@ -59,11 +59,12 @@ public:
   /// \param node an rclcpp::Node or LifecycleNode, active or not, or its interfaces.
   /// \param on_change called by the node's executor with each new state, first with RED_RED.
   /// \param topic the bridge's topic; the service `acknowledge` is in the same namespace.
-  /// \param lease the bridge's `liveliness_lease`, or longer, in seconds.
+  /// \param lease the bridge's `liveliness_lease`, or longer, but at most 2, in seconds.
+  /// \throws std::invalid_argument if the lease is out of range.
   explicit RaceStateWatch(
     NodeInterfaces node, std::function<void(RaceState)> on_change = {},
     const std::string & topic = "kart_bridge/race_state", double lease = LEASE)
-  : RaceStateWatch(node, std::move(on_change), topic, lease, FORGIVEN) {}
+  : RaceStateWatch(node, std::move(on_change), topic, valid_lease(lease), FORGIVEN) {}
 
   RaceStateWatch(const RaceStateWatch &) = delete;
   RaceStateWatch & operator=(const RaceStateWatch &) = delete;

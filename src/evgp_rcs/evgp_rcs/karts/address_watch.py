@@ -206,11 +206,11 @@ class Lookout:
         names = {each.name: each for each in there}
         asked = {(each.address, each.card.name): each for each in self._asks(there)}
         for key, (address, before) in self._asked.items():
-            after = asked.get(key)
-            same = after is not None and _is_same(before, after.card) and address not in gone
-            if before.plugged and not same:
+            after = names.get(before.name)
+            same = after is not None and _is_same(before, after) and after.has(address)
+            if before.plugged and (address in gone or not same):
                 self._since.pop(key, None)
-                self._lost[address] = _what_is_lost(address, before.name, names.get(before.name))
+                self._lost[address] = _what_is_lost(address, before.name, after)
         self._asked = asked
         for key, (_, card) in asked.items():
             if not _takes_arp(card):

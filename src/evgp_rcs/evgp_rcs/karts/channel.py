@@ -14,7 +14,6 @@ This module does not use ROS, threads or a clock.
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable, Iterator
 import contextlib
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ import pathlib
 import pickle
 import socket
 import struct
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.link import BEAT_RATE
@@ -37,6 +36,9 @@ from evgp_rcs.rules.race import (
     StampedEvent,
 )
 
+if TYPE_CHECKING:
+    import asyncio  # which the ROS half does not need
+
 ANSWER_TIMEOUT = 4.0
 """Maximum time that an official's call waits for its answer, in seconds. After that, only stops
 still take effect. A working kart server needs at most `RaceTimes.journal_timeout`. A kart server
@@ -46,6 +48,10 @@ PAIR_BYTES = 65536
 """Maximum number of bytes read from a pair at a time."""
 
 _LENGTH = struct.Struct('!I')
+
+
+class KartServerError(RuntimeError):
+    """The kart server cannot start or continue. The message says why, and what to do."""
 
 
 # ----- from the ROS half to the kart server ---------------------------------------------------

@@ -28,7 +28,6 @@ from evgp_protocol.link import (
 )
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.run_mark import in_words
-from evgp_rcs.rules.inputs import CLOSED_BY_KART
 from evgp_rcs.rules.link_quality import LinkMeter
 
 if TYPE_CHECKING:
@@ -97,7 +96,7 @@ class KartLink(asyncio.BufferedProtocol):
 
     def eof_received(self) -> bool:
         """Drop the kart at once, because waiting bytes could no longer reach its program."""
-        self.drop(CLOSED_BY_KART)
+        self.drop('the kart closed the connection')
         return False
 
     def connection_lost(self, exc: Exception | None) -> None:

@@ -23,11 +23,19 @@ import signal
 import socket
 import sys
 
-from evgp_protocol import clock
+from evgp_protocol.loop import run
 from evgp_rcs.karts import priority
-from evgp_rcs.karts.channel import Begin, Failed, Listening, LocalEnd, pack, Refused
+from evgp_rcs.karts.channel import (
+    Begin,
+    Failed,
+    KartServerError,
+    Listening,
+    LocalEnd,
+    pack,
+    Refused,
+)
 from evgp_rcs.karts.record_process import RecordProcess, wake_when_the_parent_dies
-from evgp_rcs.karts.server import KartServer, KartServerError, RosHalfGoneError
+from evgp_rcs.karts.server import KartServer, RosHalfGoneError
 from evgp_rcs.record import run_mark
 from evgp_rcs.record.store import RecordError, rules_version
 from evgp_rcs.rules.inputs import Batch, Recovered, Rules, Setup
@@ -70,7 +78,6 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
             begin.cannot_know or record.why,
         ),
     )
-    record.remember(race.memory())
     priority.come_first()
     ros_half.attach(loop, server.take_commands)
     # A signal to this process makes it end normally. Signals from a terminal reach only the ROS
@@ -83,6 +90,7 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
     gc.freeze()
 
     def listening(address: tuple[str, int]) -> None:
+        record.remember(race.memory())
         server.expect_ros_half(FIRST_SIGN)
         ros_half.send(pack(Listening(address)))
 
@@ -113,7 +121,7 @@ def main(arguments: list[str] | None = None) -> int:
             ros_half.send_the_rest(Refused(str(error)), timeout=LAST_WORDS_TIMEOUT)
             return 2
         try:
-            ends_as = clock.run(serve(begin, ros_half, record))
+            ends_as = run(serve(begin, ros_half, record))
         except KartServerError as error:
             # This run has sent nothing to any kart, so it leaves behind what the last run left.
             record.end(LAST_WORDS_TIMEOUT, record.last_run)

@@ -37,6 +37,7 @@ from evgp_rcs.karts.channel import (
     Answered,
     End,
     Happened,
+    KartServerError,
     LocalEnd,
     pack,
     Request,
@@ -101,10 +102,6 @@ ROS_HALF_SILENCE = 1.0
 """Maximum silence of the ROS half, in seconds. After that, the server abandons it."""
 
 _ENDING = Answer(False, 'Race control is ending. If a kart is still moving, use the MSR.')
-
-
-class KartServerError(RuntimeError):
-    """The kart server cannot start or continue. The message says why, and what to do."""
 
 
 class RosHalfGoneError(RuntimeError):
@@ -249,8 +246,9 @@ class KartServer:
             where = f'{self._settings.host}, port {self._settings.port}'
             raise KartServerError(
                 f'race control cannot listen for karts at {where}: {in_words(error)}. '
-                'Another race control may still be running here. Stop the program that uses the '
-                'port, or choose another address or port'
+                "Set address (make run ADDRESS=...) to this machine's address on the karts' "
+                'network. If it is right, stop the program that uses the port, which may be '
+                'another race control'
             ) from error
         if self._left_behind is not None:
             self._publish_outcome(self._first_events, self._left_behind.at)

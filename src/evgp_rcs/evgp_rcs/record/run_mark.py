@@ -40,7 +40,7 @@ RUN_BEGAN = LastRun.UNKNOWN.value
 """Text of the mark while race control runs, and after a run that did not end well."""
 
 _SIZE = 32  # so that a single write within one sector replaces the text
-_MOUNTS = pathlib.Path('/proc/self/mountinfo')
+_PROCESS = pathlib.Path('/proc/self')
 
 
 class InUseError(RuntimeError):
@@ -79,25 +79,22 @@ def claim(file: int) -> bool:
             return True
 
 
-def why_not_lasting(folder: pathlib.Path, mounts: str) -> str:
+def why_not_lasting(mount: str, mounts: str) -> str:
     """
-    Return why a file in this folder would not last until the next run; empty if it would.
+    Return why files on a mount would not last until the next run; empty if they would.
 
+    :param mount: number of the mount.
     :param mounts: the text of ``/proc/self/mountinfo``.
     """
-    holds, reason = -1, ''
     for line in mounts.splitlines():
         before, _, after = line.partition(' - ')
-        _, _, _, root, point, *_ = before.split(' ')
+        number, _, _, root, point, *_ = before.split(' ')
         kind, *_ = after.split(' ')
-        if folder.is_relative_to(point) and len(pathlib.Path(point).parts) >= holds:
-            holds = len(pathlib.Path(point).parts)
-            reason = ''
-            if 'systemd-private' in root:
-                reason = f'{point} is private to this service: set PrivateTmp=no in its unit'
-            elif kind in ('tmpfs', 'ramfs'):
-                reason = f'{point} is in memory, so files there are lost with the power'
-    return reason
+        if number == mount and 'systemd-private' in root:
+            return f'{point} is private to this service: set PrivateTmp=no in its unit'
+        if number == mount and kind in ('tmpfs', 'ramfs'):
+            return f'{point} is in memory, so files there are lost with the power'
+    return ''
 
 
 class RunMark:
@@ -151,15 +148,17 @@ class RunMark:
 
     def _begin(self) -> str:
         """Lock the mark, write *began*, and return its previous text."""
-        if self._path.parent == FOLDER:
-            real = FOLDER.parent.resolve() / FOLDER.name
-            if why := why_not_lasting(real, _MOUNTS.read_text(errors='replace')):
-                raise OSError(why)
         if self._file is not None:
             os.close(self._file)
             self._file = None
         folder = _open_folder(self._path.parent)
         try:
+            if self._path.parent == FOLDER:
+                # The kernel knows which of several mounts over each other is the one in use.
+                about = (_PROCESS / 'fdinfo' / str(folder)).read_text(encoding='ascii').split()
+                mounts = (_PROCESS / 'mountinfo').read_text(errors='replace')
+                if why := why_not_lasting(about[about.index('mnt_id:') + 1], mounts):
+                    raise OSError(why)
             file, is_new = _open(self._path.name, folder)
             try:
                 if not claim(file):

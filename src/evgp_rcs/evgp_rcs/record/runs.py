@@ -307,12 +307,16 @@ def _check_schema(file: pathlib.Path, database: sqlite3.Connection) -> None:
 
 
 _NO_DATABASE = 'file is not a database'
+_READ_ONLY = (
+    'cannot be opened. If you may not write in its folder, copy the file into a folder of yours, '
+    'together with the files whose names begin the same'
+)
 _WHY_UNREADABLE = {
     _NO_DATABASE: 'is not a record: it is not a database, or its beginning is damaged',
     'database is locked': 'cannot be read now, because another program has locked it. Try again '
     'later',
-    'unable to open database file': 'cannot be opened. If its folder is read-only, copy the file '
-    'into a folder that is not, together with the files whose names begin the same',
+    'unable to open database file': _READ_ONLY,
+    'attempt to write a readonly database': _READ_ONLY,
 }
 """What to say for each of SQLite's messages, which are the only way to tell its errors apart
 before Python 3.11."""

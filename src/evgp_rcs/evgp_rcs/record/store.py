@@ -9,10 +9,10 @@ transaction of the stream and the race's memory (§3.E), so that both end at the
 crash of the process or the machine. Entries without an event are written every `INPUTS_EVERY`
 seconds. If the disk fails, everything waits here until a later attempt succeeds.
 
-The next run finds the last run's memory in `left_behind`, if there is one. The record cannot know
-how that run ended; the machine's mark does (``run_mark``). The memory of a GREEN_GREEN is on the
-disk before GREEN_GREEN is sent. Unless another program is reading the record just then, it is in
-the file itself, and not only in SQLite's ``-wal`` beside it.
+The next run finds the last memory that was saved in `left_behind`, if there is one. The record
+cannot know how that run ended; the machine's mark does (``run_mark``). The memory of a GREEN_GREEN
+is on the disk before GREEN_GREEN is sent. Unless another program is reading the record just then,
+it is in the file itself, and not only in SQLite's ``-wal`` beside it.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import dataclasses
 import fcntl
 import hashlib
 import itertools
+import os
 import pathlib
 import secrets
 import sqlite3
@@ -67,10 +68,6 @@ CREATE TABLE memory ( -- what the next run must know; the last one only
 
 class RecordError(RuntimeError):
     """Race control cannot start: another one is using the record, or the record is unreliable."""
-
-
-class _NoRecordError(RuntimeError):
-    """The file is not a record, or is damaged. The text says why, and what to do."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,8 +117,7 @@ class Record:
     the disk.
 
     :param path: path of the file, which is created with its folder if necessary. If it cannot be
-        written, or is not a record, `error` says why, ``write`` tries again, and nothing is known
-        about the last run.
+        written, or is not a record, `error` says why, and ``write`` tries again.
     :param run: id of the run; if empty, a random one is chosen.
     :raises RecordError: if another running race control is using the record.
     """
@@ -143,13 +139,11 @@ class Record:
         self._claimed: IO[bytes] | None = None
         self.error = ''
         """A phrase that says why the last attempt to write failed; empty if it succeeded."""
-        self.left_behind: RaceMemory | None = None
-        """The last run's memory; None if nothing is known about that run."""
-        try:
+        with contextlib.suppress(*_UNWRITABLE):  # `write` reports these
             self._claim()
-            self.left_behind = self._open()
-        except _UNWRITABLE as error:
-            self._fail(error)
+        self.left_behind = _left_behind(path)
+        """The last memory that was saved; None if there is none."""
+        self.write()
 
     # ----- what to write; these methods do not wait ---------------------------------------
 
@@ -186,8 +180,8 @@ class Record:
     def write(self) -> bool:
         """Write everything that is waiting and return whether it is on the disk now."""
         try:
+            self._claim()  # it may have been deleted or replaced since
             if self._database is None:
-                self._claim()
                 self._open()
             self._write()
         except (*_UNWRITABLE, RecordError) as error:
@@ -211,10 +205,16 @@ class Record:
 
     def _claim(self) -> None:
         if self._claimed is not None:
+            own = os.fstat(self._claimed.fileno())
+            if not (self._path.exists() and os.path.samestat(self._path.stat(), own)):
+                raise OSError(
+                    'somebody has moved, deleted or replaced the file. Put it back, or restart '
+                    'race control when no kart is on the track'
+                )
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
         if self._path.exists() and not self._path.is_file():
-            raise _NoRecordError(
+            raise OSError(
                 f'{self._path} is not a file: move it away, or choose another file with the '
                 'parameter record'
             )
@@ -227,22 +227,21 @@ class Record:
             )
         self._claimed = claimed
 
-    def _open(self) -> RaceMemory | None:
-        """Open the file, begin a new run, and return what the last run left behind."""
+    def _open(self) -> None:
+        """Open the file, and begin a new run if none has begun."""
         database = sqlite3.connect(self._path, timeout=1.0, isolation_level=None)
         try:
-            left_behind = self._prepare(database)
+            self._prepare(database)
         except BaseException:
             database.close()
             raise
         self._database = database
-        return left_behind
 
-    def _prepare(self, database: sqlite3.Connection) -> RaceMemory | None:
+    def _prepare(self, database: sqlite3.Connection) -> None:
         (version,) = database.execute('PRAGMA user_version').fetchone()
         tables = database.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]
         if tables and version != SCHEMA_VERSION:
-            raise _NoRecordError(
+            raise OSError(
                 f'{self._path} is not a record of this race control (its version is {version}, '
                 f'not {SCHEMA_VERSION}): move it away, or choose another file with the '
                 'parameter record'
@@ -251,14 +250,12 @@ class Record:
         # FULL, so that a power failure loses nothing that was written.
         database.execute('PRAGMA synchronous = FULL')
         begins = not self._run
-        left_behind = None
         with _transaction(database):
             if not tables:
                 for statement in _SCHEMA.split(';\n'):
                     database.execute(statement)
                 database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
             if begins:
-                left_behind = _left_behind(database)
                 (last,) = database.execute('SELECT max(run) FROM block').fetchone()
                 began = Began(self._id, PROGRAM, time.time_ns())
                 first = Block(0, encode(began)).compressed()
@@ -267,7 +264,6 @@ class Record:
         if begins:
             self._run, self._blocks_written = run, 1
             _checkpoint(database)
-        return left_behind
 
     def _write(self) -> None:
         assert self._database is not None
@@ -298,7 +294,7 @@ class Record:
             self._claimed.close()
 
 
-_UNWRITABLE = (OSError, sqlite3.Error, _NoRecordError)
+_UNWRITABLE = (OSError, sqlite3.Error)
 """The exceptions raised if the file cannot be written, is damaged, or is not a record."""
 
 
@@ -324,17 +320,24 @@ def _transaction(database: sqlite3.Connection) -> Iterator[None]:
         raise
 
 
-def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
-    """Return the last run's memory; None if nothing is known about that run."""
-    last = next(sessions(database), None)
-    if last is None:
-        return None  # there are no runs
-    found = database.execute('SELECT data FROM memory WHERE run = ?', (last.number,)).fetchone()
-    if found is None:
-        return None  # that run saved nothing
-    with contextlib.suppress(ValueError):  # damaged
-        return read(RaceMemory, found[0])
+def _left_behind(path: pathlib.Path) -> RaceMemory | None:
+    """
+    Return the last memory that was saved in a record; None if there is none.
+
+    The disk need not be writable. A run that was cut off before it saved anything does not count.
+    """
+    with contextlib.suppress(OSError):
+        if path.is_file():  # a pipe would block
+            for how in ('mode=ro', 'immutable=1'):  # the second one creates no file beside it
+                with contextlib.suppress(sqlite3.Error, ValueError):  # ValueError: damaged
+                    return _memory(f'{path.absolute().as_uri()}?{how}')
     return None
+
+
+def _memory(uri: str) -> RaceMemory | None:
+    with contextlib.closing(sqlite3.connect(uri, uri=True, timeout=1.0)) as database:
+        found = database.execute('SELECT data FROM memory ORDER BY run DESC LIMIT 1').fetchone()
+    return None if found is None else read(RaceMemory, found[0])
 
 
 # ----- to read a record -----------------------------------------------------------------------
@@ -349,7 +352,10 @@ def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
     """
     if not path.exists():
         raise FileNotFoundError(f'there is no {path}')
-    database = sqlite3.connect(f'{path.absolute().as_uri()}?mode=ro', uri=True, timeout=1.0)
+    # Beside a file that may change, SQLite needs files of its own, which it may not create here.
+    is_final = not (path.with_name(f'{path.name}-wal').exists() or os.access(path.parent, os.W_OK))
+    how = 'immutable=1' if is_final else 'mode=ro'
+    database = sqlite3.connect(f'{path.absolute().as_uri()}?{how}', uri=True, timeout=1.0)
     database.text_factory = lambda text: text.decode(errors='replace')
     return database
 

@@ -14,7 +14,7 @@ from evgp_node.stream import Gap
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.record.runs import add_run_arguments, CALLED, Kept, open_runs, PARTLY, say
-from evgp_rcs.record.store import default_path, Session
+from evgp_rcs.record.store import Session
 
 
 def options() -> argparse.ArgumentParser:
@@ -59,9 +59,6 @@ def main(arguments: Sequence[str]) -> int:
             return runs.code
         run = runs.choose(wanted.run)
         kept = runs.read(run)
-        before = None
-        if wanted.run is None and len(runs.listed) > 1:
-            before = runs.listed[-2]
     # The record is closed by now, so that a slow pager does not make race control wait.
     if wanted.stream:
         for lines in kept.lines():
@@ -70,13 +67,6 @@ def main(arguments: Sequence[str]) -> int:
         for gap in gaps:
             say(str(gap))
         return PARTLY if gaps else runs.code
-    if before is not None and before.events and before.ended_ns is None:
-        file = '' if wanted.file == default_path() else f' {plain(str(wanted.file))}'
-        print(
-            f'The previous run, {before.number}, did not end normally. Print it '
-            f'with: {CALLED}{file} --run {before.number} (or make record '
-            f"ARGS='{file.lstrip()}{' ' if file else ''}--run {before.number}')"
-        )
     print(_describe(run, run is runs.present))
     is_whole = _print_timeline(kept, wanted.kart)
     return runs.code if is_whole else PARTLY

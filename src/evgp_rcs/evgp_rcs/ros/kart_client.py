@@ -31,13 +31,13 @@ from evgp_rcs.karts.channel import (
     End,
     Failed,
     Happened,
+    KartServerError,
     Listening,
     pack,
     Refused,
     Request,
     Unpacker,
 )
-from evgp_rcs.karts.server import KartServerError
 from evgp_rcs.rules.race import Answer, Attendance, Command, StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 
@@ -184,7 +184,7 @@ class KartServerClient:
 
         :param in_order: whether this is an orderly end (see ``channel.End``).
         """
-        if self._stopping or self._thread.ident is None:
+        if self._stopping:
             return
         self._stopping = True
         try:
@@ -195,8 +195,7 @@ class KartServerClient:
     def stop(self, in_order: bool) -> None:
         """Call ``end`` and wait until the process has ended."""
         self.end(in_order)
-        if self._thread.ident is not None:
-            self._clear_away()
+        self._clear_away()
 
     def _clear_away(self) -> None:
         self._stopping = True

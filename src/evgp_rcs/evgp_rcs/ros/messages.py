@@ -13,22 +13,15 @@ from collections.abc import Callable, Iterable
 
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from evgp_node.codec import CONSTANTS, message_of, value_of
+from evgp_node.codec import message_of, value_of
 from evgp_node.stamps import NS, seconds_of, stamp_of
 from evgp_protocol.link import Grade
-from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import AlertKind, Event, EventKind, StampedEvent
+from evgp_rcs.rules.race import AlertKind, Event, StampedEvent
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs_msgs import msg
 
 ERRORS = (AlertKind.RECORD_FAILING, AlertKind.TWO_RACE_CONTROLS, AlertKind.NOBODY_THERE)
 """Alerts that are errors in the diagnostics, although they do not ask for the MSR."""
-
-CONSTANTS |= {
-    CommandKind: msg.CommandAvailability,
-    EventKind: msg.RaceEvent,
-    AlertKind: msg.Alert,
-}
 
 # ----- conversions that are not field by field ------------------------------------------------
 
@@ -58,15 +51,6 @@ def event_of(message: msg.RaceEvent, said: Callable[[str], str] = str) -> Stampe
     wall_ns = message.stamp.sec * NS + message.stamp.nanosec
     monotonic = seconds_of(message.monotonic)
     return StampedEvent(message.sequence, wall_ns, monotonic, value_of(message, Event, said))
-
-
-def race_of(message: msg.Race) -> Snapshot:
-    """
-    Return the snapshot of the race that a message contains.
-
-    :raises ValueError: if the message is invalid.
-    """
-    return value_of(message, Snapshot)
 
 
 def diagnostics_message(race: Snapshot, wall_ns: int, name: str) -> DiagnosticArray:

@@ -40,17 +40,15 @@ from evgp_node.graph import (
     where_reachable,
 )
 from evgp_node.official import heard, tidy
-from evgp_node.parameters import ParameterError, Parameters, StrictNode
+from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.rclpy_private import RCLError
 from evgp_node.roster import RosterError
-from evgp_node.services import service_class
 from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_rcs.karts import priority
 from evgp_rcs.karts.address_watch import AddressTakenError, AddressWatch, to_be_asked
-from evgp_rcs.karts.channel import ANSWER_TIMEOUT, Begin
-from evgp_rcs.karts.server import KartServerError
+from evgp_rcs.karts.channel import ANSWER_TIMEOUT, Begin, KartServerError
 from evgp_rcs.record.run_mark import leave_began, place
 from evgp_rcs.ros.kart_client import KartServerClient
 from evgp_rcs.ros.presence import MOST_PROGRAMS, Presences
@@ -60,7 +58,7 @@ from evgp_rcs.ros.settings import read_roster, read_settings
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs.rules.race import Answer, Command
 from evgp_rcs.rules.snapshot import Snapshot
-from evgp_rcs_msgs import msg
+from evgp_rcs_msgs import msg, srv
 from evgp_rcs_msgs.srv import SignOfLife
 from rclpy.duration import Infinite
 from rclpy.node import Node
@@ -140,29 +138,29 @@ class RcsNode(StrictNode):
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         """Read the parameters and the roster, start the kart server, and offer the services."""
         super().__init__('rcs', **node_options)
-        parameters = Parameters(self)
-        accept_open_graph = parameters.declare(
+        accept_open_graph = self.declare(
             'accept_open_graph',
             False,
             'Accept that the ROS graph can be reached from where karts connect, without SROS2. '
             "Anyone on the karts' network can then start karts (docs/security.md).",
         )
-        self._banner = parameters.declare(
+        self._banner = self.declare(
             'banner',
             '',
             'Text at the top of every screen and at the beginning of every answer, such as '
             'REHEARSAL. Empty means none. People take the text to mean that no race is under way, '
             'so never set it for a race.',
         )
-        officials = parameters.declare(
+        officials = self.declare(
             'officials',
             [''],
             "Names of the event's officials. A window offers them to whoever sends commands "
             'from it.',
         )
-        begin = read_settings(parameters)
+        begin = read_settings(self)
         self._roster = str(self.get_parameter('roster').value)
-        refuse_open_graph(begin.settings.host, accepted=accept_open_graph)
+        if not accept_open_graph:
+            refuse_open_graph(begin.settings.host)
         self._claim = claim_the_graph(self)
         # The watch already asks while this process looks for rivals.
         self._addresses = [each.address for each in begin.roster.karts]
@@ -399,7 +397,7 @@ class RcsNode(StrictNode):
         # At the other nodes, the service has the name that it would have at this node, even if
         # this node is remapped.
         own = f'~/{name}' if node is self else self.resolve_service_name(f'~/{name}')
-        service = service_class(CATALOGUE[kinds[0]].service_type)
+        service = getattr(srv, CATALOGUE[kinds[0]].service_type)
         node.create_service(service, own, serve, qos_profile=SERVICE_QOS)
 
     def _command(self, command: Command) -> Answer:

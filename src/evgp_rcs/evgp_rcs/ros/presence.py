@@ -101,7 +101,6 @@ class Presences:
         with self._lock:
             program = self._programs.get(key)
             if program is None:
-                self._forget(now)
                 missed = (each for each, other in self._programs.items() if other.is_gone(now))
                 if len(self._programs) >= MOST_PROGRAMS:
                     if (first := next(missed, None)) is None:

@@ -9,7 +9,7 @@ import pathlib
 import secrets
 from typing import Any
 
-from evgp_node.parameters import check_address, ParameterError, Parameters
+from evgp_node.parameters import check_address, ParameterError, StrictNode
 from evgp_node.roster import load_roster
 from evgp_rcs.karts.channel import Begin, ServerSettings
 from evgp_rcs.record.store import default_path
@@ -69,14 +69,14 @@ def read_roster(path: str) -> Roster:
     )
 
 
-def read_settings(parameters: Parameters) -> Begin:
+def read_settings(node: StrictNode) -> Begin:
     """
     Declare every parameter of race control, read the roster, and return what to start with.
 
     :raises ParameterError: if a parameter is wrong.
     :raises RosterError: if the roster is wrong.
     """
-    declare = parameters.declare
+    declare = node.declare
     path = declare('roster', '', 'Path of the file that lists the karts, as in config/karts.yaml.')
     record = declare(
         'record',
@@ -108,7 +108,7 @@ def read_settings(parameters: Parameters) -> Begin:
         name: declare(name, getattr(RaceTimes, name), *meaning_and_limits)
         for name, *meaning_and_limits in OF_THE_RULES
     }
-    parameters.refuse_unknown(own_file=True)
+    node.refuse_unknown(own_file=True)
     check_address('address', address)
     for delay in delays:
         if not 0.0 <= delay <= 60.0:

@@ -99,10 +99,6 @@ class Connected(NamedTuple):
     kart: int
 
 
-CLOSED_BY_KART = 'the kart closed the connection'
-"""Reason for a disconnection that the kart made in an orderly way."""
-
-
 class Disconnected(NamedTuple):
     """A kart's connection has ended; ``silent`` means that the kart's link stopped answering."""
 

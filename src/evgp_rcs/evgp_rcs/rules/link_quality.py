@@ -57,6 +57,13 @@ class LinkQuality(NamedTuple):
     retransmitted: int
     behind: float = 0.0
 
+    @property
+    def delay(self) -> str:
+        """Return what makes the link worse than good, as a phrase about the kart."""
+        if self.behind:
+            return f'may read a stop {self.behind:.1f} s late'
+        return f'takes {self.worst_answer or 0.0:.2f} s to answer'
+
 
 NOT_MEASURED = LinkQuality(Grade.UNKNOWN, None, None, 0)
 

@@ -393,15 +393,13 @@ class Kart:
     :param serial: serial number of its current order.
     :param acknowledged: whether it has acknowledged its current order and has not withdrawn that
         acknowledgement since.
-    :param withdrawn: whether it has withdrawn an acknowledgement of its current order.
     :param lost_since: when it lost its connection in a race under way or while it may have been
         moving. If it may have been moving, the time is kept until the doubt ends.
     :param finish_due: when its finish turns into a RED_FLAG (``flag_at`` in the message).
     :param held_alone: whether an official has held this kart individually and not released it.
-    :param counts_in: time from its last report until ``counts_at``; 0 if unknown or over.
     :param ordered_at: time of its current order.
     :param delivered_at: the time by which its kernel had answered that order.
-    :param acknowledged_at: when it first acknowledged that order.
+    :param acknowledged_at: when it first acknowledged that order, even if it withdrew that later.
     :param link: quality of its link; None if not measured on this connection. No rule depends on
         it or on the three times above, which are for officials.
     :param contested: whether two programs are connecting as this kart, each displacing the other.
@@ -428,9 +426,7 @@ class Kart:
     attempt: int = 0
     finish_due: float | None = None
     held_alone: bool = False
-    withdrawn: bool = False
     counts_at: float | None = None
-    counts_in: float = 0.0
     inspected: str = ''
     address: str = ''
     ordered_at: float = 0.0
@@ -522,6 +518,7 @@ class RaceMemory:
     :param unstated: whether race control is still waiting for an official to state that no race is
         under way anywhere.
     :param heat: the heat that was last put into the race; empty if there was none.
+    :param starters: ``Race.starters``.
     """
 
     state: RaceState
@@ -529,6 +526,7 @@ class RaceMemory:
     track_open: bool = False
     unstated: bool = False
     heat: str = ''
+    starters: tuple[int, ...] = ()
 
     @property
     def at_rest(self) -> bool:
@@ -571,7 +569,8 @@ class Race:
     The state of one race and of every kart in the roster (§3, §4.B).
 
     Each input is a method that returns the orders to send and the events that happened
-    (``inputs.feed`` calls these methods). Times never go backwards.
+    (``inputs.feed`` calls these methods). Times never go backwards. An input about a kart raises
+    KeyError if the roster has no such kart.
 
     :param now: current time, in seconds.
     :param run: id of this run of race control.
@@ -605,7 +604,6 @@ class Race:
         self.state_cause = ''
         """A phrase that says why the race is in its state; empty until its state first changes."""
         self.over = False
-        self.places_given = 0
         self.starters: tuple[int, ...] = ()
         """Karts sent GREEN_GREEN in the race whose order of FINISH has not been reported yet."""
         self.grid_was_last = False
@@ -662,7 +660,9 @@ class Race:
             )
             for number, kart in self.karts.items()
         }
-        return RaceMemory(self.state, karts, self.track_open, self.unstated, self._put_in)
+        return RaceMemory(
+            self.state, karts, self.track_open, self.unstated, self._put_in, self.starters
+        )
 
     def recover(
         self, memory: RaceMemory | None, last_run: LastRun, now: float, why: str = ''
@@ -691,15 +691,14 @@ class Race:
                 self._count_opening('before race control was restarted', now)
             self.unstated = last_run is LastRun.NONE
             return self._outcome()
-        self._put_in = '' if memory is None else memory.heat
-        gone: list[Kart] = []
-        for number, before in ({} if memory is None else memory.karts).items():
+        memory = memory or RaceMemory(RED_RED, {})
+        self._put_in = memory.heat
+        for number, before in memory.karts.items():
             kart = self.karts.get(number)
             if kart is None:
                 if not (before.in_race or before.held or before.doubt):
                     continue
                 kart = self.karts[number] = Kart(number, NOT_IN_ROSTER, sent_since=now)
-                gone.append(kart)
             else:
                 kart.in_race = before.in_race
                 kart.place = before.place
@@ -707,25 +706,17 @@ class Race:
             kart.held_alone = before.held_alone
             if kart.doubt:
                 kart.lost_since = now
-        self.places_given = max((kart.place for kart in self.karts.values()), default=0)
-        # In RED_RED, the order of FINISH may have been reported already; it is reported again. But
-        # if no kart had a place in RED_RED, the race may never have started.
-        if memory is not None:
-            in_red = memory.state is RED_RED and self.places_given
-            if memory.state in (GREEN_GREEN, RED_FLAG) or in_red:
-                self.starters = tuple(
-                    kart.number for kart in self.karts.values() if kart.in_race or kart.place
-                )
-                self.grids = self.number = int(bool(self.starters))
-        cause = f'{BEGAN}: {why}' if why else BEGAN
-        self._pause_for_late_commands(cause, now)
+        self.starters = tuple(number for number in memory.starters if number in self.karts)
+        self.grids = self.number = int(bool(self.starters))
+        cause = 'race control has started and does not know what happened before that'
+        cause += f': {why}' if why else ''
+        self._pause(cause, now, late=True)
         self._lose_track('since race control started', cause, now)
-        for kart in gone:
-            text = (
-                f'{_capital(kart)} is held in RED_RED; find it, make it safe, then release it '
-                'individually'
-            )
-            self._add_event(EventKind.KART_STATE, text, kart.number, RED_RED)
+        for kart in self.karts.values():
+            if kart.team == NOT_IN_ROSTER:
+                text = f'{_capital(kart)} is held in RED_RED; find it, make it safe, then release '
+                text += 'it individually'
+                self._add_event(EventKind.KART_STATE, text, kart.number, RED_RED)
         return self._outcome()
 
     def _lose_track(self, held: str, cause: str, now: float) -> None:
@@ -759,18 +750,19 @@ class Race:
         if CATALOGUE[command.kind].stop:
             # Another official may have sent a release without having seen this stop, and it may
             # arrive after the stop. It must not undo the stop.
-            self._pause(now + self.times.pause, 'a stop was sent just now')
+            self._pause('a stop was sent just now', now)
         refusal = self._refusal_of(command, came)
         if refusal or not CATALOGUE[command.kind].needs_journal:
             return self._outcome(self._decide(command, refusal, now))
         before = self.memory()
+        starters = tuple(each.number for each in self.racing())
         karts = {
             number: dataclasses.replace(kart, doubt=Doubt.MOVING) if kart.in_race else kart
             for number, kart in before.karts.items()
         }
         until = now + self.times.journal_timeout
         self.starts += 1
-        memory = dataclasses.replace(before, state=GREEN_GREEN, karts=karts)
+        memory = dataclasses.replace(before, state=GREEN_GREEN, karts=karts, starters=starters)
         self.start = Start(self.starts, command, came, until, memory)
         return self._outcome(start=self.start)
 
@@ -791,15 +783,9 @@ class Race:
         self.start = None
         refusal = self._refusal_of(start.command, start.came)
         if not refusal and start.superseded:
-            refusal = (
-                'GRID_ACTIVE was sent again while this command was waiting. Check the race, then '
-                'send GREEN_GREEN again'
-            )
+            refusal = f'GRID_ACTIVE was sent again while this command was waiting. {SEND_AGAIN}'
         if not (refusal or saved):
-            refusal = (
-                'the record did not save the start in time. Check the race, then send '
-                'GREEN_GREEN again'
-            )
+            refusal = f'the record did not save the start in time. {SEND_AGAIN}'
         return self._decide(start.command, refusal, now)
 
     def stalled(self, seconds: float, now: float) -> Outcome:
@@ -811,11 +797,8 @@ class Race:
         """
         for kart in (each for each in self.karts.values() if each.settles_at is not None):
             kart.settles_at = now + self.times.settle
-        self._pause_for_late_commands(f'race control stalled for {seconds:.1f} s', now)
+        self._pause(f'race control stalled for {seconds:.1f} s', now, late=True)
         return self._outcome()
-
-    def _pause_for_late_commands(self, why: str, now: float) -> None:
-        self._pause(now + max(self.times.pause, self.times.pause_after_stall), why)
 
     def cut_off(self, reason: str, now: float) -> Outcome:
         """
@@ -833,21 +816,17 @@ class Race:
 
     def _cut_off(self, reason: str, now: float) -> None:
         cause = f'race control was cut off from the karts ({reason})'
-        self._pause(now + self.times.pause, cause)
+        self._pause(cause, now)
         self._lose_track('race control was cut off', cause, now)
-        self._report_alerts(now)
 
     def contested(self, number: int, contested: bool, now: float) -> Outcome:
-        """
-        Record that two programs keep connecting as one kart, or that they have stopped doing so.
-
-        :raises KeyError: if the roster has no such kart.
-        """
+        """Record whether two programs keep connecting as one kart."""
         self.karts[number].contested = contested
-        self._report_alerts(now)
         return self._outcome()
 
-    def _pause(self, until: float, why: str) -> None:
+    def _pause(self, why: str, now: float, late: bool = False) -> None:
+        """Begin a pause, which is longer if commands may have been sent long ago."""
+        until = now + max(self.times.pause, late * self.times.pause_after_stall)
         if until > self.paused_until:
             self.paused_until = until
             self._paused_by = why
@@ -872,30 +851,25 @@ class Race:
 
     def _decide(self, command: Command, refusal: str, now: float) -> Answer:
         """Put a command into effect or refuse it, and add the command's event."""
-        cause = len(self._events)
-        if refusal:
-            answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
-        else:
-            rule = COMMANDS[command.kind]
+        self._by = command
+        before, self._events = self._events, []
+        answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
+        if not refusal:
             if not CATALOGUE[command.kind].bookkeeping:
                 self.grid_was_last = command.kind is CommandKind.GRID_ACTIVE
-            self._by = command
             pressed = f' {command.kind.value} was {command.pressed}.' if command.pressed else ''
-            answer = Answer(True, f'{rule.effect(self, command, now)}.{pressed}')
-            self._by = None
-        # Report the cause before its effects.
-        self._events.insert(
-            cause,
-            Event(
-                EventKind.COMMAND,
-                answer.message,
-                command.kart,
-                command=command.kind,
-                success=answer.success,
-                official=command.official,
-                after=command.age if command.pressed else 0.0,
-            ),
+            effect = COMMANDS[command.kind].effect(self, command, now)
+            answer = Answer(True, f'{effect}.{pressed}')
+        effects, self._events = self._events, before
+        self._add_event(
+            EventKind.COMMAND,
+            answer.message,
+            command.kart,
+            success=answer.success,
+            after=command.age if command.pressed else 0.0,
         )
+        self._events += effects
+        self._by = None
         return answer
 
     def connected(self, number: int, now: float) -> Outcome:
@@ -904,8 +878,6 @@ class Race:
 
         If the kart is still connected, the new connection replaces the old one, and the loss of
         the old one is recorded first.
-
-        :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
         if kart.connected:
@@ -913,8 +885,7 @@ class Race:
         kart.connected = True
         if not kart.may_be_moving:
             kart.lost_since = None
-        kart.reported = None
-        kart.link = kart.went_silent_at = None
+        kart.went_silent_at = None
         text = f'{_capital(kart)} connected'
         self._add_event(EventKind.CONNECTED, text, number, chatter=kart.contested)
         self._redirect(kart, now, resend=True)
@@ -926,7 +897,6 @@ class Race:
 
         :param reason: why the connection ended, for the officials.
         :param silent: whether its link stopped answering, and neither side closed the connection.
-        :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
         if kart.connected:
@@ -967,17 +937,17 @@ class Race:
         :param serial: serial of the order that had been sent when the frame began to arrive.
         :param counts_in: if the report does not count yet, the maximum time in seconds before a
             repeat of it would count; 0 if unknown, or if no repeat would ever count.
-        :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
         if not kart.connected:
             return self._outcome()
+        before, kart.reported = kart.reported, state
         counts = state is kart.sent and serial == kart.serial
         if counts and not kart.acknowledged:
+            again = kart.acknowledged_at is not None
             kart.acknowledged = True
             kart.counts_at = None
-            if kart.acknowledged_at is None:
-                kart.acknowledged_at = now
+            kart.acknowledged_at = kart.acknowledged_at if again else now
             if state.is_red:
                 kart.settles_at = now + self.times.settle
                 self._settle(kart, now)
@@ -985,46 +955,35 @@ class Race:
             # IN_GARAGE asks for no acknowledgement (§3.A).
             did = 'reports' if state is IN_GARAGE else 'acknowledged'
             text = f'{_capital(kart)} {did} {state.value}'
-            self._add_event(EventKind.ACKNOWLEDGED, text, number, state, kart.withdrawn)
+            self._add_event(EventKind.ACKNOWLEDGED, text, number, state, chatter=again)
         elif kart.acknowledged and state is not kart.sent:
             kart.acknowledged = False
-            kart.withdrawn = True
             kart.settles_at = None
             if kart.sent.is_red:
                 kart.doubt = Doubt.MOVING
-            self._add_event(
-                EventKind.WITHDRAWN,
-                f'{_capital(kart)} reports {state.value}, so its acknowledgement of '
-                f'{kart.sent.value} no longer counts',
-                number,
-                state,
-                chatter=True,
-            )
+            text = f'{_capital(kart)} reports {state.value}, so its acknowledgement of '
+            text += f'{kart.sent.value} no longer counts'
+            self._add_event(EventKind.WITHDRAWN, text, number, state, chatter=True)
         elif state is not kart.sent:
             kart.counts_at = None
-            if state is not kart.reported:
+            if state is not before:
                 text = f'{_capital(kart)} reports {state.value} while being sent {kart.sent.value}'
                 self._add_event(EventKind.REPORTED, text, number, state, chatter=True)
         elif not kart.acknowledged and state is not IN_GARAGE:
-            is_new = kart.counts_at is None
-            kart.counts_at, kart.counts_in = now + counts_in, counts_in
-            if is_new:
+            if kart.counts_at is None:
                 text = f'{_capital(kart)} {self._silence(kart)}'
                 self._add_event(EventKind.REPORTED, text, number, state, chatter=True)
+            kart.counts_at = now + counts_in
         if state is GREEN_GREEN and kart.sent is not GREEN_GREEN:
             kart.doubt = Doubt.MOVING
-        kart.reported = state
         return self._outcome()
 
     def delivered(self, number: int, serial: int, answered: float, now: float) -> Outcome:
         """
-        Record that a kart's kernel has answered an order.
-
-        The kart's program may not have read that order yet.
+        Record that a kart's kernel has answered an order, which its program may not have read yet.
 
         :param serial: serial of the order. If there is a newer order, nothing happens.
         :param answered: the latest time in seconds at which the kernel can have answered.
-        :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
         if kart.connected and serial == kart.serial and kart.delivered_at is None:
@@ -1035,13 +994,7 @@ class Race:
         return self._outcome()
 
     def measured(self, number: int, link: LinkQuality, now: float) -> Outcome:
-        """
-        Record the quality of a kart's link.
-
-        This is for officials only; it changes neither what karts are sent nor what is allowed.
-
-        :raises KeyError: if the roster has no such kart.
-        """
+        """Record the quality of a kart's link, which is for officials only and changes nothing."""
         kart = self.karts[number]
         if not kart.connected:
             return self._outcome()
@@ -1049,18 +1002,14 @@ class Race:
         if link.grade is Grade.POOR:
             kart.link_poor_at = now
         if before is None or before.grade is not link.grade:
-            text = f'The link to {kart} is {link.grade.value}'
-            if link.behind:
-                text += f': its program may read {link.behind:.1f} s late'
-            elif link.grade is not Grade.GOOD:
-                text += f': it took {link.worst_answer:.2f} s to answer'
+            why = '' if link.grade is Grade.GOOD else f': the kart {link.delay}'
+            text = f'The link to {kart} is {link.grade.value}{why}'
             self._add_event(EventKind.LINK_GRADE, text, number, grade=link.grade)
         return self._outcome()
 
     def rival(self, present: bool, now: float) -> Outcome:
         """Record whether another race control is running on the officials' network."""
         self.has_rival = present
-        self._report_alerts(now)
         return self._outcome()
 
     def attended(self, there: Attendance, now: float) -> Outcome:
@@ -1070,13 +1019,11 @@ class Race:
         elif self.there.able:
             self.nobody_since = now
         self.there = there
-        self._report_alerts(now)
         return self._outcome()
 
     def record_trouble(self, text: str, now: float) -> Outcome:
         """Keep a sentence that says why the record is failing; empty if the record works."""
         self.record_fails = text
-        self._report_alerts(now)
         return self._outcome()
 
     def tick(self, now: float) -> Outcome:
@@ -1089,19 +1036,21 @@ class Race:
         """
         for kart in self.karts.values():
             self._settle(kart, now)
-            kart.counts_in *= now < (kart.counts_at or 0.0)
             if kart.finish_due is not None and now >= kart.finish_due:
                 kart.finish_due = None
-                self._hold(kart, RED_FLAG, MARKED_AS_FINISHED, now)
-        due = self._race_over_due()
-        if due is not None and now >= due:
+                # This reason stays true if places move up or the finish is undone later.
+                self._hold(kart, RED_FLAG, 'marked as finished', now)
+        if self._all_have_finished(now):
             self.over = True
             self._go(RED_RED, now, 'race over (all karts have finished)')
             self._report_order_of_finish()
         since, limit = self._unattended_since(), self.times.nobody_there
         if since is not None and limit and now >= since + limit:
-            self._pause(now + self.times.pause, 'race control has just stopped the race')
-            self._go(RED_FLAG, now, NOBODY_THERE)
+            self._pause('race control has just stopped the race', now)
+            gone = (
+                'race control was not in contact with any screen or button that can stop the race'
+            )
+            self._go(RED_FLAG, now, gone)
         answer = None
         if self.start is not None and now >= self.start.until:
             answer = self._end_of_start(self.start, False, now)
@@ -1129,12 +1078,11 @@ class Race:
         return Availability(kind, True, statement=rule.statement(self, command), karts=karts)
 
     def alerts(self, now: float) -> list[Alert]:
-        """Return the current alerts, newest first."""
+        """Return the current alerts, newest first. Each began when a tick first reported it."""
         alerts = []
-        for kind, number, since, text in self._current_alerts(now):
-            if since is None:
-                told = self._alerts.get((kind, number))
-                since = told.since if told else now
+        for kind, number, text in self._current_alerts(now):
+            reported = self._alerts.get((kind, number))
+            since = reported.since if reported else now
             use_msr = kind in MSR_ALERTS and not self.msr_used
             if kind is AlertKind.TRACK_UNSAFE:
                 use_msr = use_msr and any(each.doubt for each in self.karts.values())
@@ -1152,12 +1100,6 @@ class Race:
         made safe by hand.
         """
         allowed, reason, settled_by = self._humans_allowed()
-        if allowed and self.unstated and not self.msr_used:
-            allowed, settled_by = False, CommandKind.OPEN_TRACK
-            reason = (
-                f'no official has yet stated that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for this '
-                'statement'
-            )
         return TrackAccess(
             self.track_open, allowed, reason, self.msr_used, self.opening, settled_by
         )
@@ -1179,11 +1121,7 @@ class Race:
             kart.sent_since = now
         kart.serial += 1
         kart.ordered_at = now
-        kart.delivered_at = kart.acknowledged_at = None
-        kart.acknowledged = False
-        kart.withdrawn = False
-        kart.counts_at = None
-        kart.settles_at = None
+        self._void_answers(kart)
         if kart.connected:
             if state is GRID_ACTIVE:
                 kart.doubt = max(kart.doubt, Doubt.GRID)
@@ -1197,14 +1135,23 @@ class Race:
             self._orders.append(Order(kart.number, state, kart.serial))
             text = f'{_capital(kart)} is being sent {state.value}'
             chatter = kart.contested and resend
-            self._add_event(EventKind.KART_STATE, text, kart.number, state, chatter)
+            self._add_event(EventKind.KART_STATE, text, kart.number, state, chatter=chatter)
 
-    def _hold(self, kart: Kart, hold: RaceState, reason: str, now: float) -> None:
-        if kart.hold is None or hold.strictness > kart.hold.strictness:
+    def _void_answers(self, kart: Kart) -> None:
+        """Forget how a kart answered its order, which is over or has lost its connection."""
+        kart.acknowledged = False
+        kart.delivered_at = kart.acknowledged_at = None
+        kart.counts_at = kart.settles_at = None
+
+    def _hold(
+        self, kart: Kart, hold: RaceState, reason: str, now: float, alone: bool = False
+    ) -> None:
+        stricter_than_before = kart.hold is None or hold.strictness > kart.hold.strictness
+        if stricter_than_before or (alone and not kart.held_alone):
+            kart.hold_reason += f'; {reason}' if kart.hold_reason else reason
+        if stricter_than_before:
             kart.hold = hold
-            # Keep the reason for an official's hold, which only an official can release.
-            before = f'; {kart.hold_reason}' if kart.held_alone and kart.hold_reason else ''
-            kart.hold_reason = reason + before
+        kart.held_alone = kart.held_alone or alone
         self._redirect(kart, now)
 
     def _doubt_that_it_stands(self, kart: Kart) -> None:
@@ -1216,7 +1163,7 @@ class Race:
         kart.hold = None
         kart.hold_reason = ''
         kart.held_alone = False
-        kart.finish_due = None
+        kart.lost_since = None
 
     def _settle(self, kart: Kart, now: float) -> None:
         """End the doubt about a kart that has kept reporting its red state for long enough."""
@@ -1231,8 +1178,9 @@ class Race:
     def _cause(self) -> str:
         """Return the command that is taking effect, and who sent it."""
         assert self._by is not None
+        kind = self._by.kind.value.removeprefix('KART_')
         official = f' by {self._by.official}' if self._by.official else ''
-        return ', '.join(filter(None, (f'{self._by.kind.value}{official}', self._by.pressed)))
+        return ', '.join(filter(None, (f'{kind}{official}', self._by.pressed)))
 
     def _go(self, state: RaceState, now: float, why: str = '') -> None:
         if state is not self.state:
@@ -1247,20 +1195,15 @@ class Race:
 
     def _drop(self, kart: Kart, reason: str, now: float) -> None:
         kart.connected = False
-        kart.acknowledged = False
-        kart.settles_at = None
-        kart.counts_at = None
-        kart.reported = None
-        kart.link = kart.delivered_at = kart.acknowledged_at = None
+        kart.reported = kart.link = None
+        self._void_answers(kart)
         under_way = kart.in_race and self.state is not IN_GARAGE
         if (under_way or kart.doubt) and kart.lost_since is None:
             kart.lost_since = now
         text = f'{_capital(kart)} disconnected: {reason}'
         self._add_event(EventKind.DISCONNECTED, text, kart.number, chatter=kart.contested)
-        if under_way and self.state is not GRID_ACTIVE:
+        if (under_way and self.state is not GRID_ACTIVE) or kart.may_be_moving:
             self._hold(kart, RED_RED, f'lost its connection in {self.state.value}', now)
-        elif kart.may_be_moving:
-            self._hold(kart, RED_RED, 'lost its connection while it may have been moving', now)
 
     # ----- the effects of the commands ----------------------------------------------------
 
@@ -1276,10 +1219,8 @@ class Race:
         self._go(stricter(self.state, RED_FLAG), now)
         if self.state is not RED_FLAG:
             return f'The race is already in {self.state.value}, which is stricter than RED_FLAG'
-        flagged = [each for each in self.racing() if each.sent is RED_FLAG]
-        stopped = [each for each in self.racing() if each.sent is not RED_FLAG]
-        message = f'RED_FLAG sent to {_receivers(flagged)}'
-        return message + (f'. Already in RED_RED: {_listed(stopped)}' if stopped else '')
+        flagged = (each for each in self.racing() if each.sent is RED_FLAG)
+        return f'RED_FLAG sent to {_receivers(flagged)}'
 
     def _grid_active(self, command: Command, now: float) -> str:
         if self.start is not None:
@@ -1296,7 +1237,6 @@ class Race:
         self.reading = 0
         self.starters = ()
         self.nobody_since = None  # no program that could stop this race has been lost yet
-        self.places_given = 0
         for each in self.karts.values():
             each.place = each.attempt = 0
         self._go(GRID_ACTIVE, now)
@@ -1316,12 +1256,8 @@ class Race:
     def _race_in_garage(self, command: Command, now: float) -> str:
         released = list(self._released_by_garage(command))
         for each in released:
-            if self._covered_by_statement(each):
-                each.lost_since = None
             self._unhold(each)
         kept = [each for each in self.karts.values() if each.hold is not None]
-        for each in self.karts.values():
-            each.finish_due = None
         self.over = False
         self.msr_used = False
         if self.past_unknown:
@@ -1329,6 +1265,7 @@ class Race:
         self._report_order_of_finish()  # of a race that was stopped and never declared over
         self._go(IN_GARAGE, now)
         for each in self.karts.values():
+            each.finish_due = None
             self._redirect(each, now)
         message = f'IN_GARAGE sent to {_receivers(released)}'
         if kept:
@@ -1353,57 +1290,37 @@ class Race:
     def _stop_kart(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
         hold = RED_RED if command.kind is CommandKind.KART_RED_RED else RED_FLAG
-        by = f'{hold.value} by {command.official or "an official"}'
-        reason = ', '.join(filter(None, (by, command.pressed)))
         self._doubt_that_it_stands(kart)
-        self._hold(kart, hold, reason, now)
-        if not kart.held_alone:
-            kart.held_alone = True
-            if kart.hold_reason != reason:
-                kart.hold_reason += f'; {reason}'
+        self._hold(kart, hold, self._cause(), now, alone=True)
         absent = '' if kart.connected else ', but it is not connected'
         return f'{_capital(kart)} is held in {kart.sent.value}{absent}'
 
     def _kart_finish(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
-        self.places_given += 1
-        kart.place = self.places_given
+        kart.place = 1 + max(each.place for each in self.karts.values())
         delay = self.times.finish_delay(kart.place)
         kart.finish_due = now + delay
-        text = f'{_capital(kart)} finished as P{kart.place}'
-        return f'{text}; RED_FLAG follows in {delay:g} s'
+        return f'{_capital(kart)} finished as P{kart.place}; RED_FLAG follows in {delay:g} s'
 
     def _kart_undo_finish(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
         place, kart.place = kart.place, 0
-        self.places_given -= 1
         kart.attempt += 1
-        moved_up = [each for each in self.karts.values() if each.place > place]
-        for each in moved_up:
-            each.place -= 1
-        moved_up.sort(key=lambda each: each.place)
-        text = f'{_capital(kart)} no longer has a place'
+        for each in self.karts.values():
+            each.place -= each.place > place
         # This loosens no state that has been sent; it only cancels a RED_FLAG that has not been.
         kart.finish_due = None
-        if kart.sent is GREEN_GREEN:
-            text += ' and drives on; its RED_FLAG had not been sent yet'
-        elif kart.hold is not None:
-            text += f'; it stays held in {kart.hold.value}'
-        if moved_up:
-            text += f'. Moved up: {_cut([f"{each.place}. {each}" for each in moved_up])}'
-        return text
+        return f'{_capital(kart)} no longer has a place, and is still being sent {kart.sent.value}'
 
     def _release_kart(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
         self._unhold(kart)
         self._end_doubt(kart)
+        kart.finish_due = None
         out = kart.in_race and self.state is not IN_GARAGE
-        if out:
-            kart.in_race = False
+        kart.in_race = kart.in_race and not out
         self._redirect(kart, now)
-        return f'{_capital(kart)} is released to IN_GARAGE' + (
-            ' and is out of the race' if out else ''
-        )
+        return f'{_capital(kart)} is released to IN_GARAGE{" and is out of the race" * out}'
 
     def _join_race(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
@@ -1413,13 +1330,11 @@ class Race:
 
     def _leave_race(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
-        held = self.state is not IN_GARAGE
         kart.in_race = False
-        if held:
+        if self.state is not IN_GARAGE:
             self._hold(kart, RED_RED, 'taken out of the race on the grid', now)
-            return f'{_capital(kart)} is out of the race and held in RED_RED'
         self._redirect(kart, now)
-        return f'{_capital(kart)} is out of the race'
+        return f'{_capital(kart)} is out of the race and is being sent {kart.sent.value}'
 
     def _set_heat(self, command: Command, now: float) -> str:
         (heat,) = (each for each in self.heats if each.name == command.heat)
@@ -1427,12 +1342,8 @@ class Race:
             each.in_race = each.number in heat.karts
             self._redirect(each, now)
         self._put_in = heat.name
-        chosen = list(self.racing())
         text = f'"{heat.name}" is now in the race ({_numbers(heat.karts)}), with no other karts'
-        absent = [each for each in chosen if not each.connected]
-        if absent:
-            text += f'. Not connected: {_listed(absent)}'
-        held = _held(chosen)
+        held = _held(self.racing())
         return text + (f'. Still held: {held}' if held else '')
 
     def _read_roster(self, command: Command, now: float) -> str:
@@ -1464,68 +1375,51 @@ class Race:
             return 'another race control is running; shut it down first. Every stop still works'
         if CATALOGUE[command.kind].loosens and self.cut_off_by:
             return f'race control is still cut off from the karts: {self.cut_off_by}'
-        return COMMANDS[command.kind].refusal(self, command)
+        rule = COMMANDS[command.kind]
+        if self.state not in rule.states:
+            ends = command.kind is CommandKind.IN_GARAGE and self.state in (GREEN_GREEN, RED_FLAG)
+            first = '. Send RACE_OVER or ALL_KILL first' * ends
+            possible = ' or '.join(state.value for state in rule.states)
+            text = f'the race is in {self.state.value}; {command.kind.value} is possible only in '
+            return f'{text}{possible}{first}'
+        return rule.refusal(self, command)
 
     def _paused(self, kind: CommandKind, came: float) -> str:
         """Return why a pause blocks a command that arrived at `came`; empty if no pause does."""
         if CATALOGUE[kind].loosens and came < self.paused_until:
-            return f'{self._paused_by}. Check the race, then send this command again'
+            return f'{self._paused_by}. {SEND_AGAIN}'
         return ''
 
-    def _no_grid_active(self, command: Command) -> str:
-        if self.state not in (IN_GARAGE, GRID_ACTIVE):
-            return f'the race is in {self.state.value}; return it to IN_GARAGE first'
-        return (
-            self._none_or_held()
-            or self._doubtful()
-            or self._contested()
-            or self._uninspected(self.racing())
-            or self._no_record()
-        )
-
-    def _none_or_held(self) -> str:
+    def _no_race(self) -> str:
+        """Return why no race can start, and so why GRID_ACTIVE and GREEN_GREEN are refused."""
         racing = list(self.racing())
         if not racing:
             return 'no kart is in the race'
-        held = _held(racing)
-        if held and self.state is GRID_ACTIVE:
-            return f'return the race to IN_GARAGE and release the held karts: {held}'
-        numbers = _numbers(each.number for each in racing if each.hold is not None)
-        return f'release {numbers} first: {held}' if held else ''
-
-    def _doubtful(self) -> str:
-        """Return which karts make it unsafe to start a race, and why; empty if no kart does."""
-        return self._dangers(
+        if held := _held(racing):
+            return f'karts in the race are held; release them first: {held}'
+        if contested := _listed(each for each in racing if each.contested):
+            return f'two programs keep connecting as {contested}; have the team stop one of them'
+        unsafe = self._dangers(
             each
             for each in self.karts.values()
             if each.may_be_moving or (each.doubt and not each.in_race)
         )
-
-    def _contested(self) -> str:
-        contested = [each for each in self.racing() if each.contested]
-        if not contested:
-            return ''
-        return (
-            f'two programs keep connecting as {_listed(contested)}; have the team stop one of them'
-        )
-
-    def _no_record(self) -> str:
-        """Return why the record prevents a race, and what to do; empty if the record works."""
-        if not self.record_fails:
-            return ''
+        if unsafe or not self.record_fails:
+            return unsafe
         return (
             f'{self.record_fails}. A race cannot start without a record. Make room on the disk, '
             'or restart race control with the parameter record set to a path on another disk. As '
             'a last resort, use /dev/shm'
         )
 
+    def _no_grid_active(self, command: Command) -> str:
+        return self._uninspected(self.racing()) or self._no_race()
+
     def _no_green_green(self, command: Command) -> str:
-        if self.state is not GRID_ACTIVE:
-            return f'the race is in {self.state.value}; GREEN_GREEN follows GRID_ACTIVE'
         if not self.grid_was_last:
             return 'another command was sent after GRID_ACTIVE; send GRID_ACTIVE again'
-        if unfit := self._none_or_held():
-            return unfit
+        if reason := self._no_race():
+            return reason
         missing = [
             f'{each}: {self._silence(each)}'
             for each in self.racing()
@@ -1533,19 +1427,12 @@ class Race:
         ]
         if missing:
             return f'waiting for {_cut(missing)}'
-        if unfit := self._contested() or self._doubtful():
-            return unfit
         if self.nobody_since is not None:
             return (
                 'race control is no longer in contact with any screen or button that can stop the '
                 'race; open a window, or start again from IN_GARAGE'
             )
-        if self.start is not None:
-            return 'another GREEN_GREEN is still waiting for the record'
-        return self._no_record()
-
-    def _no_race_over(self, command: Command) -> str:
-        return 'the race is in IN_GARAGE; nothing is under way' if self.state is IN_GARAGE else ''
+        return 'another GREEN_GREEN is still waiting for the record' if self.start else ''
 
     def _no_in_garage(self, command: Command) -> str:
         if self.state is GRID_ACTIVE:
@@ -1554,40 +1441,28 @@ class Race:
                 for each in self.racing()
                 if each.may_be_moving or (each.doubt and not each.connected)
             )
-        if self.state is IN_GARAGE:
-            return 'the race is already in IN_GARAGE'
-        if self.state is not RED_RED:
-            return f'the race is in {self.state.value}; send RACE_OVER or ALL_KILL first'
         missing = [
             f'{each}: {self._silence(each)}' for each in self._waited_for() if not each.answered
         ]
         if not missing:
             return ''
-        how = (
-            ''
-            if self.msr_used
-            else 'use the MSR and record its use, or, if the kart is off the track, '
-        )
+        msr = 'use the MSR and record its use, or, if the kart is off the track, '
         return (
-            f'waiting for {_cut(missing)}. If a kart does not answer, {how}make it safe by hand '
-            'and release it individually'
+            f'waiting for {_cut(missing)}. If a kart does not answer, '
+            f'{"" if self.msr_used else msr}make it safe by hand and release it individually'
         )
 
     def _no_open_track(self, command: Command) -> str:
-        allowed, reason, _ = self._humans_allowed()
-        return '' if allowed else reason
+        allowed, reason, settled_by = self._humans_allowed()
+        return '' if allowed or settled_by is CommandKind.OPEN_TRACK else reason
 
     def _no_finish(self, command: Command) -> str:
         kart = self.karts[command.kart]
         if not kart.in_race:
             return f'{kart} is not in the race'
-        if self.state is not GREEN_GREEN:
-            return f'the race is in {self.state.value}; a kart can finish only in GREEN_GREEN'
         if kart.place:
             return f'{kart} has already finished as P{kart.place}'
-        if not kart.connected:
-            return f'{kart} is not connected'
-        if kart.hold is not None:
+        if kart.hold is not None:  # so is a kart that lost its connection
             return f'{kart} is held: {kart.hold_reason}'
         meant = command.run, command.race, command.attempt
         if command.run and meant != (self.run, self.number, kart.attempt):
@@ -1599,66 +1474,43 @@ class Race:
         if not kart.place:
             return f'{kart} has no place'
         if kart.number not in self.starters:
-            return (
-                f'the order of FINISH has already been reported, with {kart} as '
-                f'P{kart.place}; correct the result at the timekeeper or on paper'
-            )
+            return f'the order of FINISH already names {kart}; correct it at the timekeeper'
         return ''
 
     def _no_release(self, command: Command) -> str:
         kart = self.karts[command.kart]
-        if kart.sent is IN_GARAGE:
-            return f'{kart} is already in IN_GARAGE'
-        if not kart.sent.is_red:
-            return f'{kart} is being sent {kart.sent.value}; stop it with RED_RED first'
-        return ''
+        if kart.sent.is_red:
+            return ''
+        return f'{kart} is being sent {kart.sent.value}; only a kart sent a red can be released'
 
     def _no_join(self, command: Command) -> str:
         kart = self.karts[command.kart]
         if kart.in_race:
             return f'{kart} is already in the race'
-        if self.state is not IN_GARAGE:
-            return f'the race is in {self.state.value}; karts can join only in IN_GARAGE'
         return self._uninspected([kart])
 
     def _no_set_heat(self, command: Command) -> str:
-        if not self.heats:
-            return "the roster has no heats; list them under 'heats:' and read it again"
-        if self.state is not IN_GARAGE:
-            return f'the race is in {self.state.value}; a heat can be chosen only in IN_GARAGE'
-        return ''
+        none = "the roster has no heats; list them under 'heats:' and read it again"
+        return '' if self.heats else none
 
     def _uninspected(self, karts: Iterable[Kart]) -> str:
         if not self.times.require_inspection:
             return ''
-        missing = [each for each in karts if not each.inspected]
-        if not missing:
-            return ''
-        return (
-            f'not inspected: {_listed(missing)}. Race without it; or inspect it, enter the date '
-            'in the roster and read the roster again'
-        )
+        missing = _listed(each for each in karts if not each.inspected)
+        text = f'not inspected: {missing}. Race without it; or inspect it, enter the date in the '
+        return f'{text}roster and read the roster again' if missing else ''
 
     def _no_leave(self, command: Command) -> str:
         kart = self.karts[command.kart]
-        if not kart.in_race:
-            return f'{kart} is not in the race'
-        if self.state not in (IN_GARAGE, GRID_ACTIVE):
-            return (
-                f'the race is in {self.state.value}; karts can leave only in IN_GARAGE and '
-                'GRID_ACTIVE. Stop the kart with RED_RED instead'
-            )
-        return ''
+        return '' if kart.in_race else f'{kart} is not in the race'
 
     def _no_read_roster(self, command: Command) -> str:
-        if self.state is not IN_GARAGE:
-            return f'the race is in {self.state.value}; the roster can change only in IN_GARAGE'
         return self._bound(command.roster) if command.roster.karts else ''
 
     def _no_take_roster(self, command: Command) -> str:
-        if self.state is IN_GARAGE and not self.reading:
+        if not self.reading:
             return 'no roster is waiting to be taken; send READ_ROSTER first'
-        return self._no_read_roster(command._replace(roster=self._read))
+        return self._bound(self._read)
 
     def _bound(self, roster: Roster) -> str:
         """Return which karts and addresses a roster must keep but lacks; empty if none."""
@@ -1673,9 +1525,6 @@ class Race:
         return f'{_cut(bound)}. Until this changes, keep these numbers and addresses in the roster'
 
     # ----- what the official saw ----------------------------------------------------------
-
-    def _started(self, command: Command) -> Iterable[Kart]:
-        return self.racing()
 
     def _released_by_garage(self, command: Command) -> Iterable[Kart]:
         """Yield the karts that the race's IN_GARAGE releases."""
@@ -1704,8 +1553,12 @@ class Race:
             return self._held_otherwise(self.karts[command.kart], command.hold)
         if command.kind is CommandKind.READ_ROSTER:
             return '' if command.roster.karts else 'the roster has no kart'
-        if entry.names_number == 'reading':
-            return self._read_otherwise(command)
+        if entry.names_number == 'reading' and command.reading != self.reading:
+            return (
+                f'the last reading is {self.reading}, but you named {command.reading}. Look again'
+            )
+        if command.kind is CommandKind.TAKE_ROSTER and command.roster != self._read:
+            return 'the file has changed since it was read; read it again'
         if entry.names_number == 'opening' and command.opening != self.opening:
             if not self.opening:
                 return f'you named opening {command.opening}, but the track has not been opened'
@@ -1726,21 +1579,8 @@ class Race:
     def _held_otherwise(self, kart: Kart, seen: RaceState | None) -> str:
         if seen is kart.hold:
             return ''
-        now, then = (
-            'not held' if hold is None else f'held in {hold.value}' for hold in (kart.hold, seen)
-        )
-        return (
-            f'{kart} has changed since you looked: it is {now}, but you saw it {then}. Look again'
-        )
-
-    def _read_otherwise(self, command: Command) -> str:
-        if command.reading != self.reading:
-            return (
-                f'the last reading is {self.reading}, but you named {command.reading}. Look again'
-            )
-        if command.roster != self._read:
-            return 'the file has changed since it was read; read it again'
-        return ''
+        held = f'held in {kart.hold.value}' if kart.hold else 'not held'
+        return f'{kart} has changed since you looked: it is now {held}. Look again'
 
     def _not_as_seen(self, command: Command) -> str:
         concerned = {each.number for each in COMMANDS[command.kind].karts(self, command)}
@@ -1748,30 +1588,24 @@ class Race:
             return ''
         if not command.karts:  # typed by hand
             return f'no kart is named. Add karts: {sorted(concerned)}'
-        now, then = _numbers(concerned), _numbers(command.karts)
-        phrases = [f'This command is now for {now}, but you named {then}']
+        phrases = ['the race has changed since you looked']
         if concerned - command.karts:
             phrases.append(f'You did not name {_numbers(concerned - command.karts)}')
         if command.karts - concerned:
             phrases.append(f'The command does not apply to {_numbers(command.karts - concerned)}')
-        return f'the race has changed since you looked. {". ".join(phrases)}. Look again'
+        return '. '.join((*phrases, 'Look again'))
 
     # ----- what the official must state ---------------------------------------------------
 
     def _state_track_safe(self, command: Command) -> str:
         if not self.past_unknown:
             return 'the track is safe for humans'
-        silent = [
-            each
-            for each in self.karts.values()
-            if self._covered_by_statement(each) and not each.stands
-        ]
+        covered = filter(self._covered_by_statement, self.karts.values())
+        silent = _listed(each for each in covered if not each.stands)
         text = f'the track is safe for humans, {NO_RACE_ANYWHERE}'
-        more = f', not even those that have not confirmed a stop: {_listed(silent)}'
-        return text + more if silent else text
-
-    def _state_no_race(self, command: Command) -> str:
-        return NO_RACE_ANYWHERE if self.unstated else ''
+        if silent:
+            text += f', not even those that have not confirmed a stop: {silent}'
+        return text
 
     def _state_made_safe(self, command: Command) -> str:
         kart = self.karts[command.kart]
@@ -1792,23 +1626,14 @@ class Race:
             if new is None:
                 said += [] if kart.bound else [f'{kart} is removed']
                 continue
-            if new.address != kart.address:
-                said.append(f'{kart} connects from {new.address}')
-            if new.team != kart.team:
-                said.append(f'{kart} becomes {called(kart.number, new.team)}')
-            if new.inspected != kart.inspected:
-                said.append(
-                    f'{kart} was inspected {new.inspected}'
-                    if new.inspected
-                    else f'{kart} is no longer marked as inspected'
-                )
-        before, heats = dict(self.heats), dict(self._read.heats)
-        said += [
-            f'"{name}": {_numbers(karts)}'
-            for name, karts in heats.items()
-            if before.get(name) != karts
-        ]
-        said += [f'"{name}" is removed' for name in before if name not in heats]
+            for what in ('address', 'team', 'inspected'):
+                value = getattr(new, what)
+                if value != getattr(kart, what):
+                    said.append(f'{kart} has a new entry "{what}: {value}"')
+        heats = dict(self._read.heats)
+        new_heats = (heat for heat in self._read.heats if heat not in self.heats)
+        said += [f'"{heat.name}": {_numbers(heat.karts)}' for heat in new_heats]
+        said += [f'"{heat.name}" is removed' for heat in self.heats if heat.name not in heats]
         return '; '.join(said) or 'the same karts and heats'
 
     # ----- derived ------------------------------------------------------------------------
@@ -1832,7 +1657,7 @@ class Race:
         return (kart for kart in self.karts.values() if kart.in_race)
 
     def _humans_allowed(self) -> tuple[bool, str, CommandKind | None]:
-        """Return whether humans are allowed, why, and the command that would allow them."""
+        """Return whether humans are allowed, why, and the command whose statement is missing."""
         if self.msr_used:
             return True, 'the Master Safety Remote was used', None
         if self.state in (GRID_ACTIVE, GREEN_GREEN):
@@ -1847,6 +1672,9 @@ class Race:
                 'race control does not know what happened: look at every kart, then send IN_GARAGE'
             )
             return False, reason, CommandKind.IN_GARAGE
+        if self.unstated:
+            reason = f'no official has stated that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for this'
+            return False, reason, CommandKind.OPEN_TRACK
         if not any(kart.connected for kart in self.karts.values()):
             reason = 'no kart is connected, so race control does not know what the karts are doing'
             return True, reason, None
@@ -1862,9 +1690,7 @@ class Race:
         if kart.stands:
             return ''
         if kart.connected and kart.sent.is_red:
-            if kart.stopped:
-                return f'{kart} has stopped; it must stay stopped for {self.times.settle:g} s'
-            return f'{kart} has not acknowledged {kart.sent.value}'
+            return f'{kart} {self._silence(kart)}'
         if kart.connected:
             return f'{kart} may be moving: stop it with RED_RED' if kart.may_be_moving else ''
         if kart.may_be_moving:
@@ -1894,18 +1720,13 @@ class Race:
             return f'has stopped, and must stay stopped for {self.times.settle:g} s'
         if kart.stopped_itself:
             return 'stopped itself; take it out of the race, or start again from IN_GARAGE'
-        if kart.counts_at is not None:
-            said = f'reports {kart.sent.value}, perhaps in answer to an earlier command'
-            if kart.counts_in:
-                return f'{said} (wait {max(1, round(kart.counts_in))} s)'
-            return f'{said}; it must reconnect (it will be held)'
-        if kart.withdrawn:
-            return f'withdrew its acknowledgement of {kart.sent.value}'
         if kart.reported is kart.sent:
             return (
-                f'reported {kart.sent.value}, but in answer to an earlier command; a kart that '
-                'reports each state only once must reconnect (it will be held)'
+                f'reported {kart.sent.value}, perhaps in answer to an earlier command (if waiting '
+                'does not help, it must reconnect, and will be held)'
             )
+        if kart.acknowledged_at is not None:
+            return f'withdrew its acknowledgement of {kart.sent.value}'
         return f'has not acknowledged {kart.sent.value}'
 
     def _waited_for(self) -> list[Kart]:
@@ -1932,19 +1753,18 @@ class Race:
         """Return `nobody_since` in GRID_ACTIVE and GREEN_GREEN; otherwise None."""
         return self.nobody_since if self.state in (GRID_ACTIVE, GREEN_GREEN) else None
 
-    def _race_over_due(self) -> float | None:
-        """Return when the race is due to end automatically (§3.C); None if it is not due."""
-        if not self.times.auto_race_over or self.state not in (GREEN_GREEN, RED_FLAG):
-            return None
-        if not self.starters:
-            return None  # the places belong to the last race
-        due = None
-        for kart in self.racing():
-            if not kart.place or kart.finish_due is not None:
-                return None
-            stopped = kart.sent_since if kart.stopped else kart.sent_since + self.times.finish_stop
-            due = stopped if due is None else max(due, stopped)
-        return due
+    def _all_have_finished(self, now: float) -> bool:
+        """Return whether the race ends now because all its karts have finished (§3.C)."""
+        racing = list(self.racing())
+        if not (self.times.auto_race_over and racing and self.state in (GREEN_GREEN, RED_FLAG)):
+            return False
+        # Without starters, the places belong to the last race.
+        return bool(self.starters) and all(
+            kart.place
+            and kart.finish_due is None
+            and (kart.stopped or now >= kart.sent_since + self.times.finish_stop)
+            for kart in racing
+        )
 
     def _report_all_answered(self) -> None:
         if self.state is IN_GARAGE:
@@ -1967,15 +1787,14 @@ class Race:
             return
         finished = sorted((each for each in starters if each.place), key=lambda each: each.place)
         missing = [str(each) for each in starters if not each.place]
-        text = 'Order of FINISH: ' + (
-            ', '.join(f'{each.place}. {each}' for each in finished) or 'no kart finished'
-        )
+        order = ', '.join(f'{each.place}. {each}' for each in finished) or 'no kart finished'
+        text = f'Order of FINISH: {order}'
         if missing:
             text += f'; did not finish: {", ".join(missing)}'
         self._events.append(Event(EventKind.ORDER_OF_FINISH, text))
 
-    def _current_alerts(self, now: float) -> Iterator[tuple[AlertKind, int, float | None, str]]:
-        """Yield each alert, its kart, when it began (None: when first seen), and its text."""
+    def _current_alerts(self, now: float) -> Iterator[tuple[AlertKind, int, str]]:
+        """Yield each alert, the number of its kart, and its text."""
         late = {
             GRID_ACTIVE: (AlertKind.NOT_READY, self.times.ready_alert),
             GREEN_GREEN: (AlertKind.GREEN_UNACKNOWLEDGED, self.times.green_alert),
@@ -1986,25 +1805,19 @@ class Race:
             if kart.lost_since is not None:
                 # A kart that is back may not have stopped yet; only its report ends the alert.
                 if kart.may_be_moving:
-                    yield AlertKind.LOST_IN_MOTION, number, kart.lost_since, self._lost(kart)
+                    yield AlertKind.LOST_IN_MOTION, number, self._lost(kart)
                 elif not kart.connected:
-                    text = f'{_capital(kart)} lost its connection'
-                    yield AlertKind.KART_LOST, number, kart.lost_since, text
+                    yield AlertKind.KART_LOST, number, f'{_capital(kart)} lost its connection'
             if kart.connected and kart.may_be_moving and kart.sent in (IN_GARAGE, GRID_ACTIVE):
                 text = f'it reported GREEN_GREEN while being sent {kart.sent.value}'
-                yield AlertKind.MOVING_UNASKED, number, None, f'Stop {kart} with RED_RED: {text}'
+                yield AlertKind.MOVING_UNASKED, number, f'Stop {kart} with RED_RED: {text}'
             if kart.in_race and kart.link is not None and kart.link.grade is Grade.POOR:
-                how = f'takes {kart.link.worst_answer:.1f} s to answer, so it may stop late'
-                if kart.link.behind:
-                    how = (
-                        f'may read a stop {kart.link.behind:.1f} s late: it echoes fewer '
-                        'frames than it is sent, or leaves frames unread'
-                    )
-                text = f'Send RED_FLAG, or LEAVE_RACE before GREEN_GREEN: {kart} {how}'
-                yield AlertKind.LINK_POOR, number, None, text
+                text = f'{kart} {kart.link.delay}'
+                text = f'Send RED_FLAG, or LEAVE_RACE before GREEN_GREEN: {text}'
+                yield AlertKind.LINK_POOR, number, text
             if kart.contested:
                 text = f'Two programs keep connecting as {kart}: have the team stop one of them'
-                yield AlertKind.TWO_PROGRAMS, number, None, text
+                yield AlertKind.TWO_PROGRAMS, number, text
             if kart.sent in late and not kart.acknowledged:
                 alert, limit = late[kart.sent]
                 # In a red state, a new connection restarts the time unless the kart had been lost.
@@ -2019,42 +1832,35 @@ class Race:
                     text = f'{kart} stopped itself while being sent {kart.sent.value}'
                 if alert not in MSR_ALERTS and not kart.connected:
                     text += ' because it is not connected'
-                yield alert, number, due, _capital(text)
+                yield alert, number, _capital(text)
         if self.track_open and not self._humans_allowed()[0]:
-            text = f'Clear the track: {self._humans_allowed()[1]}'
-            yield AlertKind.TRACK_UNSAFE, 0, None, text
+            yield AlertKind.TRACK_UNSAFE, 0, f'Clear the track: {self._humans_allowed()[1]}'
         if self.has_rival:
-            yield (
-                AlertKind.TWO_RACE_CONTROLS,
-                0,
-                None,
+            text = (
                 'Another race control is running: shut it down. Until then, nothing can be '
                 'started or released. Stops still work, but each stop reaches only the karts '
-                'that are connected to the race control that receives it',
+                'that are connected to the race control that receives it'
             )
-        since = self._unattended_since()
-        if since is not None:
+            yield AlertKind.TWO_RACE_CONTROLS, 0, text
+        if self._unattended_since() is not None:
             text = (
                 'Open a window: race control is not in contact with any screen or button that can '
                 'stop the race'
             )
             if self.times.nobody_there:
                 text += f'. If there is none for {self.times.nobody_there:g} s, it sends RED_FLAG'
-            yield AlertKind.NOBODY_THERE, 0, since, text
+            yield AlertKind.NOBODY_THERE, 0, text
         if self.there.button_fault:
-            text = f'Check the stop button: {self.there.button_fault}'
-            yield AlertKind.BUTTON_FAULT, 0, None, text
+            yield AlertKind.BUTTON_FAULT, 0, f'Check the stop button: {self.there.button_fault}'
         if self.record_fails:
-            yield AlertKind.RECORD_FAILING, 0, None, self.record_fails
+            yield AlertKind.RECORD_FAILING, 0, self.record_fails
 
     @staticmethod
     def _lost(kart: Kart) -> str:
         text = f'{_capital(kart)} lost its connection while it may have been moving'
-        if not kart.connected:
-            return text
-        if not kart.stopped:
-            return f'{text}. It is back but has not stopped yet'
-        return f'{text}. It is back and reports that it has stopped: check that it is not rolling'
+        stopped = 'and reports that it has stopped: check that it is not rolling'
+        how = stopped if kart.stopped else 'but has not stopped yet'
+        return f'{text}. It is back {how}' if kart.connected else text
 
     def _report_alerts(self, now: float) -> None:
         current = {(alert.kind, alert.kart): alert for alert in self.alerts(now)}
@@ -2076,29 +1882,26 @@ class Race:
         text: str,
         kart: int = 0,
         state: RaceState | None = None,
+        success: bool = True,
         chatter: bool = False,
         **more: Any,
     ) -> None:
-        by = self._by
-        of = (None, True, chatter, '') if by is None else (by.kind, True, chatter, by.official)
-        self._events.append(Event(kind, text, kart, state, *of, **more))
+        command, by = (None, '') if self._by is None else (self._by.kind, self._by.official)
+        event = Event(kind, text, kart, state, command, success, chatter, by, **more)
+        self._events.append(event)
 
     def _unknown_kart(self, command: Command) -> str:
-        numbers = ', '.join(str(number) for number in sorted(self.karts)) or 'no kart'
-        refusal = f'the roster has no kart {command.kart}; it has {numbers}'
-        if CATALOGUE[command.kind].stop:
-            refusal += '; ALL_KILL stops every kart'
-        return refusal
+        numbers = ', '.join(map(str, sorted(self.karts))) or 'no kart'
+        has = f'the roster has no kart {command.kart}; it has {numbers}'
+        return f'{has}; ALL_KILL stops every kart'
 
-    def _outcome(
-        self,
-        answer: Answer | None = None,
-        start: Start | None = None,
-    ) -> Outcome:
-        of_race = (self.number, self.heat)
+    def _outcome(self, answer: Answer | None = None, start: Start | None = None) -> Outcome:
+        of_race, karts = (self.number, self.heat), self.karts
         # Not `_replace`, which is slow: it would delay a stop to a hundred karts by 0.3 ms.
         events = tuple(
-            Event(*each[:-3], self._place(each.kart), *of_race) for each in self._events
+            # An event may concern no kart, or one that has left the roster.
+            Event(*each[:-3], karts[each.kart].place if each.kart in karts else 0, *of_race)
+            for each in self._events
         )
         outcome = Outcome(tuple(self._orders), events, answer, start)
         self._orders = []
@@ -2106,11 +1909,6 @@ class Race:
         if self.state is IN_GARAGE:
             self.number = 0  # only from now on: IN_GARAGE itself belongs to the race that it ends
         return outcome
-
-    def _place(self, number: int) -> int:
-        """Return the place of a kart; 0 if the kart has no place, or is not in the roster."""
-        kart = self.karts.get(number)
-        return 0 if kart is None else kart.place
 
 
 LOST_AT_ONCE = 2.0
@@ -2120,16 +1918,9 @@ lost `send_timeout` after its last answer."""
 NO_RACE_ANYWHERE = 'no race is under way anywhere, and no kart is moving'
 """What an official must state once if race control does not know what happened before."""
 
-BEGAN = 'race control has started and does not know what happened before that'
-"""Why the race is in RED_RED if there is no proof that the last run ended normally."""
-
 NOT_IN_ROSTER = 'no longer in the roster'
 
-NOBODY_THERE = 'race control was not in contact with any screen or button that can stop the race'
-"""Why race control sends RED_FLAG to a race that nobody can stop."""
-
-MARKED_AS_FINISHED = 'marked as finished'
-"""Why a finished kart is held. This stays true if places move up or its finish is undone later."""
+SEND_AGAIN = 'Check the race, then send this command again'
 
 
 def _cut(phrases: list[str]) -> str:
@@ -2161,12 +1952,9 @@ def _held(karts: Iterable[Kart]) -> str:
 def _receivers(karts: Iterable[Kart]) -> str:
     """Return which karts are being sent a new state, and which will be when they connect."""
     known = list(karts)
-    absent = [kart for kart in known if not kart.connected]
+    absent = _listed(kart for kart in known if not kart.connected)
     text = _numbers(kart.number for kart in known if kart.connected)
-    if not absent:
-        return text
-    they_connect = 'it connects' if len(absent) == 1 else 'they connect'
-    return f'{text}; not connected, so to be sent when {they_connect}: {_listed(absent)}'
+    return f'{text}; once connected, also to: {absent}' if absent else text
 
 
 def _capital(kart: Kart | str) -> str:
@@ -2184,6 +1972,7 @@ class Rule:
 
     :param effect: puts the command into effect and returns the message to the official.
     :param refusal: returns why the command is refused now; empty if the command is allowed.
+    :param states: the states of the race in which the command is possible.
     :param statement: returns what the official must state; empty if no statement is needed.
     :param karts: returns the karts that the command starts or releases.
     """
@@ -2192,6 +1981,7 @@ class Rule:
     refusal: Guard = lambda race, command: ''
     statement: Guard = lambda race, command: ''
     karts: Callable[[Race, Command], Iterable[Kart]] = lambda race, command: ()
+    states: tuple[RaceState, ...] = tuple(RaceState)
 
 
 COMMANDS: dict[CommandKind, Rule] = {
@@ -2208,23 +1998,28 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.GRID_ACTIVE: Rule(
         Race._grid_active,
         Race._no_grid_active,
-        lambda race, command: (
-            'the track, which this command closes, is clear of humans'
-            if race.track_open
-            else 'the track is clear of humans'
-        ),
-        Race._started,
+        lambda race, command: 'the track is clear of humans (this command closes it)',
+        lambda race, command: race.racing(),
+        states=(IN_GARAGE, GRID_ACTIVE),
     ),
-    CommandKind.GREEN_GREEN: Rule(Race._green_green, Race._no_green_green, karts=Race._started),
-    CommandKind.RACE_OVER: Rule(Race._race_over, Race._no_race_over),
+    CommandKind.GREEN_GREEN: Rule(
+        Race._green_green,
+        Race._no_green_green,
+        karts=lambda race, command: race.racing(),
+        states=(GRID_ACTIVE,),
+    ),
+    CommandKind.RACE_OVER: Rule(
+        Race._race_over, states=(GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED)
+    ),
     CommandKind.IN_GARAGE: Rule(
         Race._race_in_garage,
         Race._no_in_garage,
         Race._state_track_safe,
         Race._released_by_garage,
+        states=(GRID_ACTIVE, RED_RED),
     ),
     # One kart.
-    CommandKind.KART_FINISH: Rule(Race._kart_finish, Race._no_finish),
+    CommandKind.KART_FINISH: Rule(Race._kart_finish, Race._no_finish, states=(GREEN_GREEN,)),
     CommandKind.KART_IN_GARAGE: Rule(
         Race._release_kart,
         Race._no_release,
@@ -2237,12 +2032,20 @@ COMMANDS: dict[CommandKind, Rule] = {
         Race._no_undo_finish,
         lambda race, command: f'{race.karts[command.kart]} has not finished',
     ),
-    CommandKind.JOIN_RACE: Rule(Race._join_race, Race._no_join),
-    CommandKind.LEAVE_RACE: Rule(Race._leave_race, Race._no_leave),
-    CommandKind.SET_HEAT: Rule(Race._set_heat, Race._no_set_heat),
-    CommandKind.READ_ROSTER: Rule(Race._read_roster, Race._no_read_roster),
-    CommandKind.TAKE_ROSTER: Rule(Race._take_roster, Race._no_take_roster, Race._changes),
-    CommandKind.OPEN_TRACK: Rule(Race._open_track, Race._no_open_track, Race._state_no_race),
+    CommandKind.JOIN_RACE: Rule(Race._join_race, Race._no_join, states=(IN_GARAGE,)),
+    CommandKind.LEAVE_RACE: Rule(
+        Race._leave_race, Race._no_leave, states=(IN_GARAGE, GRID_ACTIVE)
+    ),
+    CommandKind.SET_HEAT: Rule(Race._set_heat, Race._no_set_heat, states=(IN_GARAGE,)),
+    CommandKind.READ_ROSTER: Rule(Race._read_roster, Race._no_read_roster, states=(IN_GARAGE,)),
+    CommandKind.TAKE_ROSTER: Rule(
+        Race._take_roster, Race._no_take_roster, Race._changes, states=(IN_GARAGE,)
+    ),
+    CommandKind.OPEN_TRACK: Rule(
+        Race._open_track,
+        Race._no_open_track,
+        lambda race, command: NO_RACE_ANYWHERE if race.unstated else '',
+    ),
     CommandKind.CLOSE_TRACK: Rule(Race._close_track),
 }
 """The rule of every command."""

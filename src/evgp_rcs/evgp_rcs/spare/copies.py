@@ -199,13 +199,16 @@ def latest() -> pathlib.Path:
     records = [copies() / RECORD, *rcs_folder().glob(f'takeover-*/{RECORD}')]
     found = [(path.stat().st_mtime, path.parent) for path in records if path.exists()]
     if not found:
-        raise SpareError(f'there is no copy in {copies()}. Make one with: make spare FROM=...')
+        raise SpareError(
+            f'there is no copy in {copies()}. While race control runs, make one with: make spare '
+            'FROM=... If its machine has died, docs/race-day.md says what to do without a copy'
+        )
     return max(found)[1]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """
-    Copy race control's files repeatedly until Ctrl-C, or once.
+    Copy race control's files repeatedly until Ctrl-C or a takeover, or once.
 
     :param arguments: command-line arguments; None for those of this process.
     :return: 0, or 1 if the copy failed with ``--once``. After a usage error, the process exits
@@ -242,6 +245,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if given.once:
                 return 0 if at else 1
             time.sleep(max(0.0, began + COPY_EVERY - clock.now()))
+            if at is not None and not copies().exists():
+                print('ENDED: a takeover has used the copy, so this machine is race control.')
+                break  # a later copy of the old machine would seem newer than this one's record
     return 0
 
 

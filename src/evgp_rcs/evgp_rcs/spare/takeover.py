@@ -75,7 +75,7 @@ def look_among_officials(own_address: str) -> Look:
         return Look(Found.ANSWER, "race control answers on the officials' network")
     finally:
         context.try_shutdown()
-    return link(interface)
+    return link(interface.name)
 
 
 @contextlib.contextmanager

@@ -31,7 +31,7 @@ from evgp_rcs.record.replay import Replay, Step
 from evgp_rcs.record.runs import Kept
 from evgp_rcs.record.timing import Timing
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.inputs import CLOSED_BY_KART, Disconnected, Input, Recovered
+from evgp_rcs.rules.inputs import Input, Recovered
 from evgp_rcs.rules.race import AlertKind, EventKind, Kart, Race, StampedEvent
 
 IN_GARAGE = RaceState.IN_GARAGE.name
@@ -256,7 +256,6 @@ class Account:
     :ivar length: time of the last event.
     :ivar known_until: time up to which the rules could follow the record; None for all of it.
     :ivar lost: number of connections to karts that were lost in races.
-    :ivar closed: number of those that the kart itself closed.
     :ivar outside: what happened outside any race.
     :ivar ended: the event of race control's end; None if there is none.
     :ivar timing: the timekeeper's results, by the number of the race, the last written last.
@@ -281,7 +280,7 @@ class Account:
         self.alerts: list[Alert] = []
         self.outside = RaceAccount(0, 0.0, '', taken_up=False)
         self.ended: StampedEvent | None = None
-        self.lost = self.closed = 0
+        self.lost = 0
         self._standing: dict[tuple[int, AlertKind | None], Alert] = {}
         for step in self.replay.steps():
             self._take(step)
@@ -466,12 +465,7 @@ class Account:
         self.race_bands.change(at, race.state.name)
         made = step.outcome.events
         under_way = self.races[-1] if self.races and made and made[0].race else None
-        if under_way is not None:
-            lost = sum(each.kind is EventKind.DISCONNECTED for each in made)
-            given = step.entry
-            self.lost += lost
-            if isinstance(given, Disconnected) and given.reason == CLOSED_BY_KART:
-                self.closed += lost
+        self.lost += sum(each.kind is EventKind.DISCONNECTED and each.race > 0 for each in made)
         if self.races:
             before = self.races[-1].finished
             now = None if isinstance(step.entry, Recovered) else at
