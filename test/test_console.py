@@ -169,7 +169,7 @@ def test_a_whole_race_by_clicks_and_one_by_keys_only(open_beside: OpenBeside) ->
     console.press_on('leave_race_2', see='join_race_2', barred='false')
     console.press('2', 'ctrl+j', see='leave_race_2')
     console.wait_for('grid_active', barred='false')
-    console.ask('F2', text='which this command closes')
+    console.ask('F2', text='this command closes it')
     console.press('y', see='green_green', barred='false')
     console.wait_for('humans', text='KEEP OFF')
     console.press('F3', see='no', focus=True)

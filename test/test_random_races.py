@@ -163,8 +163,8 @@ class Event:
                     break
                 self.restart_timekeeper()
                 restart = ''
-        for number in self.field.karts:
-            self.field.drop(number)
+        for kart in self.field.karts.values():
+            kart.drop()
         for _ in range(100):  # who crosses the line while it brakes is seen there, too
             for each in new:
                 crossed[each.kart].append(each.at)
