@@ -42,16 +42,11 @@ class Executor(SingleThreadedExecutor):
 
     rclpy raises an error when it receives something that it cannot read, and the error would lock
     the node's callbacks forever. This executor drops what it cannot read instead.
-
-    After each callback, rclpy triggers the guard condition that wakes the executor, for executors
-    with several threads. This one has a single thread and takes that back. Otherwise, each
-    callback would cost two wait sets, of which the second ends at once.
     """
 
     def __init__(self, node: Node) -> None:
         super().__init__(context=node.context)
         self._log = node.get_logger()
-        self._wakes = rclpy_implementation.WaitSet(0, 1, 0, 0, 0, 0, node.context.handle)
         self.add_node(node)
 
     def run_next(self, is_over: Callable[[], bool]) -> None:
@@ -61,10 +56,6 @@ class Executor(SingleThreadedExecutor):
         except (ShutdownException, ConditionReachedException):
             return
         handler()
-        # Whatever else has woken it meanwhile, the next call looks at everything again.
-        self._wakes.clear_entities()
-        self._wakes.add_guard_condition(self._guard.handle)
-        self._wakes.wait(0)
         error = handler.exception()
         if error is None:
             return
@@ -72,11 +63,6 @@ class Executor(SingleThreadedExecutor):
             raise error
         # The callback itself refuses calls that fail, so here it was the answer that failed.
         _dropped(self._log, f'The answer of {entity.srv_name} could not be sent', error)
-
-    def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """Release what it holds. Call this only when ``run_next`` no longer runs."""
-        self._wakes.destroy_when_not_in_use()
-        return bool(super().shutdown(timeout_sec))
 
     def _take_service(self, srv: Any) -> Any:
         return self._taken(super()._take_service, srv, f'A call of {srv.srv_name}')
