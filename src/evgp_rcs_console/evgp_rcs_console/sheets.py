@@ -238,8 +238,9 @@ class Heats(Choice):
         heats, buttons = screen.heats, (*screen.heats, *screen.rosters)
         if len(buttons) != len(self._offered):
             offered = [CommandButton() for _ in buttons]
-            for each in (*offered[: len(heats)], *offered[len(heats) + 1 :]):
-                each.clicked.connect(self.close_sheet)
+            for number, each in enumerate(offered):
+                if number != len(heats):  # the button that reads the roster keeps it open
+                    each.clicked.connect(self.close_sheet)
             self._offer(offered)
         for number, (widget, button) in enumerate(zip(self._offered, buttons, strict=True), 1):
             assert isinstance(widget, CommandButton)
@@ -278,6 +279,8 @@ class Officials(Choice):
 
 
 class Help(Sheet):
+    """Lists the keys and their effects."""
+
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'help', 'Keys')
         table, keys = QtWidgets.QWidget(), key_help()

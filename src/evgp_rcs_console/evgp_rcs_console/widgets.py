@@ -225,6 +225,8 @@ class Text(QtWidgets.QLabel):
 
 
 class Panel(QtWidgets.QFrame):
+    """An area of the window with a frame."""
+
     def __init__(self, name: str = '', kind: str = 'card') -> None:
         super().__init__()
         self.setObjectName(name)

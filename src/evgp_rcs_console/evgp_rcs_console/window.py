@@ -24,6 +24,8 @@ LOOK = 100
 
 
 class ConsoleWindow(Areas):
+    """The window of one official."""
+
     def __init__(self, inbox: Inbox, give: Give, signature: Signature, looking: str) -> None:
         super().__init__(inbox.names)
         self.setWindowTitle(texts.TITLE)
