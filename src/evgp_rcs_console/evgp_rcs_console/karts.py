@@ -271,6 +271,11 @@ def _looks(row: Row) -> list[tuple[object, ...]]:
     return [(column.cell(row), column.below(row), *both) for column in COLUMNS]
 
 
+def _tiles(rows: tuple[Row, ...], stale: bool) -> object:
+    """Return what the tiles show of the rows."""
+    return stale, [(row.number, row.link.tone, row.sent, row.answer.tone) for row in rows]
+
+
 class KartList(Panel):
     """
     Lists all karts on the roster, in the order of their numbers.
@@ -350,7 +355,8 @@ class KartList(Panel):
                 table.cellWidget(place, number).show_button(command)
         if stale != screen.stale:
             table.viewport().update()
-        self._tiles.update()
+        if _tiles(before, stale) != _tiles(rows, screen.stale):
+            self._tiles.update()
         if len(before) != len(rows):
             self.fit()
 
