@@ -741,6 +741,8 @@ def test_the_grid_closes_the_track_that_the_official_saw_and_no_later_opening() 
     assert not answer.success
     assert 'the track was opened since you looked (by an official, 0 s ago)' in answer.message
     officials.does('OPEN_TRACK')
+    unstated = officials.is_refused('GRID_ACTIVE', stating=False)
+    assert 'state that the track is clear of humans (this command closes it)' in unstated
     officials.does('GRID_ACTIVE')
     assert not officials.race.track_open
 
