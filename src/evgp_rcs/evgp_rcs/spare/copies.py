@@ -94,7 +94,7 @@ def fetch(source: str, roster: str, parameters: str, record: str) -> bytes:
     own = [os.path.join(folder, each) for each in (roster, parameters)]  # noqa: PTH118
     command = ['python3' if login else sys.executable, '-', *own, record]
     if login:
-        command = [*_SSH, login, f'nice -n 19 {shlex.join(command)}']
+        command = [*_SSH, login, shlex.join(command)]
     try:
         done = subprocess.run(
             command, input=_PACK.encode(), capture_output=True, timeout=COPY_TIMEOUT, check=False
