@@ -283,7 +283,7 @@ def test_a_kart_server_that_is_killed_is_told_of_and_every_command_refused(begin
         kill = threading.Timer(0.2, client._process.kill)
         kill.start()
         for _ in ('while it dies', 'afterwards'):
-            with pytest.raises(KartServerError, match='use the MSR'):
+            with pytest.raises(KartServerError, match='lost its karts, so use the MSR'):
                 client.command(ALL_KILL, clock.now())
         kill.join()
         assert ended.get(timeout=TIMEOUT)

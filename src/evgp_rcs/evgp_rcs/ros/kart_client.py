@@ -63,6 +63,8 @@ on it."""
 FROM_KART_SERVER_BYTES = 1 << 20
 """Maximum number of bytes read from the kart server at a time. A large snapshot fits into it."""
 
+_LOST = 'race control has lost its karts, so use the MSR'
+
 _CHILD = (
     'import sys; sys.path[:] = sys.argv[2:]; '
     'from evgp_rcs.karts.process import main; sys.exit(main(sys.argv[1:2]))'
@@ -166,7 +168,7 @@ class KartServerClient:
             self._waiting.pop(number, None)
             return None
         if answer is None:
-            raise KartServerError('race control has lost its karts, so use the MSR')
+            raise KartServerError(_LOST)
         return answer
 
     def alive(self, rival: bool, there: Attendance, cut_off: str) -> None:
@@ -213,10 +215,11 @@ class KartServerClient:
             with self._sending:
                 self._end.sendall(data)
         except OSError as error:
-            # Part of a message may have been sent. Give up on the kart server, which then ends.
+            # Either it has ended, or it hangs and part of a message may have been sent. Then give up
+            # on it, which makes it end.
             with contextlib.suppress(OSError):  # the socket is closed already
                 self._end.shutdown(socket.SHUT_RDWR)
-            raise KartServerError('race control hangs, so use the MSR') from error
+            raise KartServerError(_LOST) from error
 
     # ----- the hearing thread -------------------------------------------------------------
 
