@@ -16,7 +16,6 @@ import time
 from evgp_node.stream import Gap
 from evgp_protocol.states import RaceState
 from evgp_rcs.karts import record_process
-from evgp_rcs.karts.channel import Happened, pack
 from evgp_rcs.karts.record_process import RecordProcess
 from evgp_rcs.record.run_mark import RUN_BEGAN
 from evgp_rcs.record.store import blocks_of, events, open_read_only, Record, RecordError
@@ -49,7 +48,7 @@ def record(path: pathlib.Path) -> Iterator[RecordProcess]:
 def put(record: RecordProcess, *numbers: int, text: str = 'something') -> None:
     told = Event(EventKind.CONNECTED, text)
     stamped = [StampedEvent(number, time.time_ns(), 0.1, told) for number in numbers]
-    record.put(Batch(numbers[0] - 1, [None] * len(stamped), pack(Happened(stamped))))
+    record.put(Batch(numbers[0] - 1, stamped))
 
 
 def wait_for(record: RecordProcess, found: Callable[[], object]) -> None:

@@ -44,7 +44,7 @@ from evgp_rcs.karts.channel import (
 from evgp_rcs.record.run_mark import InUseError, RunMark
 from evgp_rcs.record.store import Record, RecordError
 from evgp_rcs.rules.inputs import Batch
-from evgp_rcs.rules.race import LastRun, RaceMemory
+from evgp_rcs.rules.race import LastRun, RaceMemory, StampedEvent
 
 MOST_UNWRITTEN_BYTES = 80 * 2**20
 """Maximum backlog of the stream that is not on the disk yet, in bytes. Anything beyond it is lost.
@@ -125,7 +125,7 @@ class RecordProcess:
         """Append a batch to the record's stream."""
         data = pack(batch)
         size = len(data)
-        events = batch.entries.count(None)
+        events = sum(isinstance(entry, StampedEvent) for entry in batch.entries)
         if self._end.gone or self._bytes + size > MOST_UNWRITTEN_BYTES:
             self._lost += events
             self._full = True
@@ -249,14 +249,6 @@ def _live(path: pathlib.Path, mark: pathlib.Path, run: str, end: socket.socket) 
         os._exit(code)
 
 
-def _whole(batch: Batch) -> Batch:
-    """Return the batch with each event at its place in the stream."""
-    happened = Unpacker().feed(batch.happened)
-    told = iter([event for each in happened for event in each.events])
-    entries = [next(told) if entry is None else entry for entry in batch.entries]
-    return Batch(batch.first, entries)
-
-
 def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.socket) -> None:
     try:
         mark = RunMark(mark_path)
@@ -288,7 +280,7 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
             for message in unpacker.feed(data):
                 if isinstance(message, Batch):
                     batches += 1
-                    record.put(_whole(message))
+                    record.put(message)
                 elif isinstance(message, Remember):
                     record.remember(message.memory, bool(message.confirm))
                     confirm += [message.confirm] if message.confirm else []

@@ -88,7 +88,7 @@ SHOW_AFTER = 0.01
 """Minimum delay before a snapshot shows an event, in seconds. As with `GATHER`, one snapshot then
 covers many events."""
 
-MOST_GATHERED = 100
+MOST_GATHERED = 60
 """Number of gathered events that the server forwards at once. This takes about 0.4 ms and can
 delay a stop by that much."""
 
@@ -502,7 +502,7 @@ class KartServer:
 
     def _gather(self, stamped: list[StampedEvent]) -> None:
         """Gather events, so that the server can forward them together."""
-        self._log.add(*[None] * len(stamped))
+        self._log.add(*stamped)
         if not self._gathered:
             assert self._loop is not None
             self._loop.call_later(GATHER, self._flush)
@@ -514,11 +514,11 @@ class KartServer:
     def _flush(self) -> None:
         """Forward the gathered events and all log entries."""
         gathered, self._gathered = self._gathered, []
-        happened = pack(Happened(gathered)) if gathered else b''
-        self._ros_half.send(happened)
+        if gathered:
+            self._ros_half.send(pack(Happened(gathered)))
         batch = self._log.take()
         if batch.entries:
-            self._record.put(batch._replace(happened=happened))
+            self._record.put(batch)
         if self._ros_half.unsent > TO_ROS_HALF_BYTES:
             self._ros_half.lose('it no longer accepts messages')
 

@@ -149,13 +149,12 @@ class Record:
 
     def put(self, batch: Batch) -> None:
         """Append a batch to the stream."""
-        entries = [entry for entry in batch.entries if entry is not None]
-        if entries:
+        if batch.entries:
             if not self._waiting:
                 self._since = clock.now()
             # `Began` precedes all of them.
-            self._waiting.append(Block(1 + batch.first, b''.join(map(encode, entries))))
-            self._urgent |= any(isinstance(entry, StampedEvent | Rules) for entry in entries)
+            self._waiting.append(Block(1 + batch.first, b''.join(map(encode, batch.entries))))
+            self._urgent |= any(isinstance(entry, StampedEvent | Rules) for entry in batch.entries)
 
     def remember(self, memory: RaceMemory, durable: bool = False) -> None:
         """

@@ -215,8 +215,8 @@ class KartServerClient:
             with self._sending:
                 self._end.sendall(data)
         except OSError as error:
-            # Either it has ended, or it hangs and part of a message may have been sent. Then give up
-            # on it, which makes it end.
+            # It has ended, or it hangs and part of a message may have been sent. Give up on it, so
+            # that it ends in any case.
             with contextlib.suppress(OSError):  # the socket is closed already
                 self._end.shutdown(socket.SHUT_RDWR)
             raise KartServerError(_LOST) from error

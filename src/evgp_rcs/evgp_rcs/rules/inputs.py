@@ -314,29 +314,21 @@ class Batch(NamedTuple):
     Consecutive entries in a log.
 
     :param first: number of entries before them.
-    :param entries: the entries, with None in place of each event that is in `happened`.
-    :param happened: these events, as packed for the ROS half, so that they are packed only once.
     """
 
     first: int
-    entries: Sequence[Entry | None]
-    happened: bytes = b''
+    entries: Sequence[Entry]
 
 
 class Log:
     """The entries of one race after ``Rules``, that is, all inputs and outputs of the rules."""
 
     def __init__(self) -> None:
-        self._new: list[Entry | None] = []
+        self._new: list[Entry] = []
         self._taken = 1
 
-    def add(self, *entries: Entry | None) -> None:
-        """
-        Append an input before it reaches the rules, or what an input has caused.
-
-        :param entries: the entries, with None for each event. The taker of the batch has the
-            events, and packs them for `Batch.happened`.
-        """
+    def add(self, *entries: Entry) -> None:
+        """Append an input before it reaches the rules, or what an input has caused."""
         self._new += entries
 
     def take(self) -> Batch:
