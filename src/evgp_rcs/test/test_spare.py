@@ -24,7 +24,6 @@ from evgp_rcs.rules.inputs import Batch
 from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 from evgp_rcs.spare import copies as spare
 from evgp_rcs.spare.copies import fetch, keep, latest, NAMES, ORIGIN, RECORD, SpareError
-from evgp_rcs.spare.neighbours import Found, Look, why_not
 from evgp_rcs.spare.takeover import timekeeper
 import pytest
 
@@ -234,15 +233,6 @@ def test_the_newest_copy_is_taken_and_after_a_takeover_what_that_has_made_of_it(
     assert latest() == spare.copies()
     os.utime(taken / RECORD)
     assert latest() == taken
-
-
-def test_only_when_nothing_answers_and_everything_is_known_is_an_address_taken() -> None:
-    assert why_not([]) != ''
-    for found in itertools.product(Found, repeat=4):
-        looks = [Look(each, f'{each.name} {at}' if each else '') for at, each in enumerate(found)]
-        reason = why_not(looks)
-        assert (reason == '') == ({*found} == {Found.NOTHING})
-        assert not reason or reason.startswith(max(found).name)
 
 
 def test_a_copy_that_fails_is_told_in_one_line_and_by_the_exit_code(

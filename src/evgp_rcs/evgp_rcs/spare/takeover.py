@@ -40,7 +40,7 @@ from evgp_rcs.spare.copies import (
     ROSTER,
     SpareError,
 )
-from evgp_rcs.spare.neighbours import ask, ask_where_it_is, connect, Found, link, Look, why_not
+from evgp_rcs.spare.neighbours import ask, ask_where_it_is, connect, link
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
@@ -56,11 +56,11 @@ ip address delete "$1" dev "$2"
 """
 
 
-def look_among_officials(own_address: str) -> Look:
-    """Check the officials' network, where this machine has this address, for a race control."""
+def look_among_officials(own_address: str) -> str:
+    """Check the officials' network, where this machine has this address, as in `neighbours`."""
     interface = interfaces().get(own_address)
     if interface is None:
-        return Look(Found.NOT_KNOWN, f'no interface of this machine has the address {own_address}')
+        return f'no interface of this machine has the address {own_address}'
     context = Context()
     try:
         bind_graph()
@@ -70,9 +70,9 @@ def look_among_officials(own_address: str) -> Look:
         fence_graph()
         refuse_rivals(node)
     except GraphError as error:
-        return Look(Found.NOT_KNOWN, str(error))
+        return str(error)
     except RivalError:
-        return Look(Found.ANSWER, "race control answers on the officials' network")
+        return "race control answers on the officials' network"
     finally:
         context.try_shutdown()
     return link(interface.name)
@@ -137,8 +137,8 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
         looks.append(look_among_officials(officials))
     if source := (copy / ORIGIN).read_text(encoding='utf-8'):
         looks.append(ask_where_it_is(source))
-    if reason := why_not(looks):
-        _say(f'REFUSED: {reason}. Switch off and unplug the old machine, and plug this one in.')
+    if reasons := '; '.join(filter(None, looks)):
+        _say(f'REFUSED: {reasons}. Switch off and unplug the old machine, and plug this one in.')
         return IN_THE_WAY
     age = time.time() - (copy / RECORD).stat().st_mtime
     with contextlib.nullcontext() if rehearsed else held(address, interface):
