@@ -428,6 +428,9 @@ class AddressWatch:
 
     :param asks: a function that returns the questions to ask at the given interfaces.
     :param announces: whether this machine has the address and must announce it.
+    :ivar cut_off: why karts cannot reach race control now, as a phrase. Empty if they can.
+    :ivar answer: a sentence about the other machine that has the address. Empty if none is known.
+    :ivar error: the error that ended the watch. None if there is none.
     """
 
     def __init__(
@@ -440,29 +443,12 @@ class AddressWatch:
         self._there = cards()
         self._lookout.see(self._there, (), clock.now())
         self._began = clock.now()
-        self._state = threading.Condition()
-        self._answer = ''
-        self._error: BaseException | None = None
-        self._cut_off = ''
+        self.cut_off = self.answer = ''
+        self.error: BaseException | None = None
         self._on_news: Callable[[], object] | None = None
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name='address', daemon=True)
         self._thread.start()
-
-    @property
-    def cut_off(self) -> str:
-        """Return why karts cannot reach race control now, as a phrase; empty if they can."""
-        return self._cut_off
-
-    @property
-    def answer(self) -> str:
-        """Return a sentence about the other machine that has the address; empty if none known."""
-        return self._answer
-
-    @property
-    def error(self) -> BaseException | None:
-        """Return the error that ended the watch; None if there is none."""
-        return self._error
 
     def first_look(self, seconds: float = HEARD_WITHIN) -> str:
         """
@@ -476,24 +462,22 @@ class AddressWatch:
         :raises BaseException: the error that ended the watch.
         """
         until = self._began + seconds
-        with self._state:
-            while not (self._answer or self._error) and self._lookout.asked:
-                # arping may be slow to start.
-                now = clock.now()
-                if now >= until and (self._asker.asked or now >= until + seconds):
-                    break
-                self._state.wait(0.05)
-            if self._error is not None:
-                raise self._error
-            if self._answer:
-                raise AddressTakenError(self._answer)
-            return self._lookout.not_known or self._asker.trouble
+        while self._thread.is_alive() and self._lookout.asked:
+            # arping may be slow to start.
+            now = clock.now()
+            if now >= until and (self._asker.asked or now >= until + seconds):
+                break
+            self._thread.join(0.05)  # it ends with an answer or an error
+        if self.error is not None:
+            raise self.error
+        if self.answer:
+            raise AddressTakenError(self.answer)
+        return self._lookout.not_known or self._asker.trouble
 
     def tell(self, on_news: Callable[[], object]) -> None:
         """Call `on_news` in the watch's thread when `cut_off`, `answer` or `error` changes."""
-        with self._state:
-            self._on_news = on_news
-        if self._cut_off or self._answer or self._error:
+        self._on_news = on_news
+        if self.cut_off or self.answer or self.error:
             on_news()
 
     def close(self) -> None:
@@ -504,7 +488,7 @@ class AddressWatch:
         try:
             self._watch()
         except BaseException as error:  # noqa: BLE001 - the node ends the process
-            self._error = error
+            self.error = error
             self._notify()
         finally:
             self._asker.close()
@@ -513,7 +497,7 @@ class AddressWatch:
     def _watch(self) -> None:
         lookout, asker = self._lookout, self._asker
         there, blind = self._there, 0
-        while not (self._closing.is_set() or self._answer):
+        while not (self._closing.is_set() or self.answer):
             for question, announce in lookout.due(clock.now()):
                 asker.ask(question)
                 if announce and self._announces:
@@ -527,13 +511,13 @@ class AddressWatch:
                 if blind > MOST_BLIND:
                     raise
             lookout.see(there, gone, clock.now())
-            self._answer = next(filter(None, map(lookout.hear, asker.claims())), '')
+            self.answer = next(filter(None, map(lookout.hear, asker.claims())), '')
             # Before `tell`, keep a loss even if it has ended, so that `on_news` still reports it.
             cut_off = lookout.cut_off
-            if cut_off != self._cut_off and (cut_off or self._on_news is not None):
-                self._cut_off = cut_off
+            if cut_off != self.cut_off and (cut_off or self._on_news is not None):
+                self.cut_off = cut_off
                 self._notify()
-        if self._answer:
+        if self.answer:
             # If this race control has served karts, it claims the address again, so that the other
             # machine notices.
             serves = self._on_news is not None
@@ -544,8 +528,5 @@ class AddressWatch:
                 self._closing.wait(_CLAIM_EVERY)
 
     def _notify(self) -> None:
-        with self._state:
-            self._state.notify_all()
-            on_news = self._on_news
-        if on_news is not None:
-            on_news()
+        if self._on_news is not None:
+            self._on_news()
