@@ -23,7 +23,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import EventKind, StampedEvent
 from evgp_rcs.words import numbered
-from evgp_rehearsal.field import Field, TICK_LENGTH
+from evgp_rehearsal.field import Field, LINE, TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_timing.corrections import CORRECTIONS
 
@@ -65,8 +65,8 @@ class Truth:
     passings: tuple[tuple[str, int, bool], ...] = ()
 
     @classmethod
-    def of(cls, field: Field, passings: Iterable[tuple[str, int, bool]]) -> Truth:
-        """Return the truth of a field and its timing line up to now."""
+    def of(cls, field: Field) -> Truth:
+        """Return the truth of a field up to now."""
         radio = [(at, f'radio: {text}') for at, text in field.messages]
         last_laps = [(at, f'kart {kart} completes its last lap') for at, kart in field.crossed]
         return cls(
@@ -74,7 +74,10 @@ class Truth:
             tuple(field.people),
             tuple(field.msr_at),
             (*radio, *last_laps),
-            tuple(passings),
+            tuple(
+                (f'{LINE} {number}', each.kart, each.real)
+                for number, each in enumerate(field.crossings, 1)
+            ),
         )
 
     def moved(self, kart: int, start: float, end: float) -> tuple[float, bool]:

@@ -25,7 +25,7 @@ import time
 
 from evgp_node.codec import message_of, value_of
 from evgp_node.qos import latched
-from evgp_node.results import Corrected
+from evgp_node.results import Corrected, Passing
 from evgp_node.states import state_of
 from evgp_node.stream import BOOK
 from evgp_protocol import clock
@@ -37,9 +37,8 @@ from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.spare.copies import fetch, keep
 from evgp_rcs_msgs import msg
 from evgp_rehearsal.debrief import debrief, Occurrence, Truth
-from evgp_rehearsal.field import Connected, Failure, Field, TICK_LENGTH
+from evgp_rehearsal.field import Connected, Failure, Field, LINE, TICK_LENGTH
 from evgp_rehearsal.incidents import ALERTS, can_begin, choose_kart, INCIDENTS, LASTS
-from evgp_rehearsal.line import TimingLine
 from evgp_rehearsal.plan import Plan
 from evgp_testing.domains import Domain
 from evgp_testing.judge import Judge
@@ -163,7 +162,7 @@ class Rehearsal(Part):
             self._timekeeper = stack.enter_context(Timekeeper(folder, self.domain, timing))
             hears = 'race', 'events', 'results'
             self.official = stack.enter_context(Official(self.domain, 'rehearsal', judge, hears))
-            self._line = TimingLine(secrets.token_hex(4))
+            self._session = secrets.token_hex(4)  # of the timing line
             self._passings = self.official.node.create_publisher(
                 msg.Passing, '/rcs/passings', latched(200)
             )
@@ -275,7 +274,7 @@ class Rehearsal(Part):
             took = list(self.took)
             if self.present is not None:
                 took.append(dataclasses.replace(self.present, ended=self.field.tick))
-            truth = Truth.of(self.field, self._line.told)
+            truth = Truth.of(self.field)
             times = list(self._times)
         happened = [
             event._replace(monotonic=_in_ticks(event.monotonic, times)) for event in self.events()
@@ -312,7 +311,7 @@ class Rehearsal(Part):
         self._stack.close()
 
     def _run(self) -> None:
-        due = time.monotonic()
+        due, reported = time.monotonic(), 0
         while not self._ended:
             due = max(
                 due + TICK_LENGTH, time.monotonic() - TICK_LENGTH
@@ -324,7 +323,7 @@ class Rehearsal(Part):
                 said = self.field.step()
                 self._times.append(clock.now())
                 field_ns = round(self.field.tick * TICK_LENGTH * 1e9)
-                passings = self._line.read(self.field, time.time_ns() - field_ns)
+                epoch_ns, crossings = time.time_ns() - field_ns, self.field.crossings[reported:]
                 failures, self.field.failures = self.field.failures, []
                 if self.present is not None and self.field.tick >= self.present.began + LASTS:
                     self._end_incident()
@@ -334,9 +333,17 @@ class Rehearsal(Part):
                 link = self.links.get(number)
                 if isinstance(link, DrivenKart):
                     link.acknowledge(state)
-            for passing in passings:
-                host = passing._replace(clock=msg.Passing.CLOCK_OF_HOST)
-                self._passings.publish(message_of(host, msg.Passing))
+            for crossing in crossings:
+                reported += 1
+                passing = Passing(
+                    LINE,
+                    self._session,
+                    reported,
+                    crossing.kart,
+                    stamp_ns=epoch_ns + round(crossing.at * 1e9),
+                    clock=msg.Passing.CLOCK_OF_HOST,
+                )
+                self._passings.publish(message_of(passing, msg.Passing))
             for number, kart in self.field.karts.items():
                 self._connect(number, kart.link(self.field.tick))
             for each in failures:

@@ -25,6 +25,9 @@ from evgp_rehearsal.plan import Ability, Plan
 TICK_LENGTH = 0.05
 """Length of a tick, in seconds."""
 
+LINE = 'line'
+"""Name of the timing line. It numbers its passings from 1, like `Field.crossings`."""
+
 CREEP = 2.0
 """Speed of a kart that creeps, in m/s."""
 
@@ -68,16 +71,14 @@ class Failure(enum.Enum):
 
 class Crossing(NamedTuple):
     """
-    A real or apparent crossing of the timing line.
+    A crossing that the timing line reports.
 
     :param at: time since the field began, in seconds.
-    :param seen: whether the line reports the crossing.
     :param real: whether the crossing really happens.
     """
 
     at: float
     kart: int
-    seen: bool
     real: bool
 
 
@@ -191,7 +192,7 @@ class Field:
     :ivar moving: each start and stop of a kart.
     :ivar crossed: the karts that have driven all laps.
     :ivar people: each time a person enters or leaves the track.
-    :ivar crossings: every real or apparent crossing.
+    :ivar crossings: every crossing that the timing line reports.
     """
 
     def __init__(self, plan: Plan, numbers: Sequence[int] | None = None) -> None:
@@ -266,18 +267,18 @@ class Field:
         line = lap * length
         if before < line <= kart.distance:
             back = (kart.distance - line) / kart.speed
-            seen = Fault.UNSEEN not in kart.faults
-            at = self.tick * TICK_LENGTH - back
-            self.crossings.append(Crossing(at, kart.number, seen, real=True))
-            if not seen:
+            if Fault.UNSEEN in kart.faults:
                 kart.faults.discard(Fault.UNSEEN)
                 text = f'Timekeeper: kart {kart.number} crossed the line but was not counted.'
                 self.say(text)
+            else:
+                at = self.tick * TICK_LENGTH - back
+                self.crossings.append(Crossing(at, kart.number, real=True))
         half = line + length / 2
         if before < half <= kart.distance and Fault.SEEN_ELSEWHERE in kart.faults:
             kart.faults.discard(Fault.SEEN_ELSEWHERE)
             at = self.tick * TICK_LENGTH
-            self.crossings.append(Crossing(at, kart.number, seen=True, real=False))
+            self.crossings.append(Crossing(at, kart.number, real=False))
             text = f'Timekeeper: kart {kart.number} was counted but is not at the line.'
             self.say(text)
 
