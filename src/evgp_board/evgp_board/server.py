@@ -17,20 +17,19 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 import contextlib
-from dataclasses import dataclass, field
 import functools
 import json
 import logging
 import pathlib
-import re
 import socket
 import struct
+import sys
 import threading
 from typing import Any
 
-from aiohttp import hdrs, HttpVersion11, web
+from aiohttp import hdrs, web
 from evgp_board import view
-from evgp_board.view import Heard, Shown
+from evgp_board.view import Heard
 from evgp_protocol import clock
 from evgp_protocol.link import unanswered
 
@@ -55,6 +54,12 @@ VISIT = 10.0
 
 PAGES = pathlib.Path(__file__).parent / 'pages'
 
+SHOWS = {'board': view.board, 'results': view.results}
+"""The function that returns what a page shows. A kart's page has its number instead of a name."""
+
+KART = r'[1-9]\d{0,4}'
+"""Pattern of a kart's number."""
+
 HEADERS = {
     'Content-Security-Policy': "default-src 'none'; script-src 'self'; style-src 'self'; "
     "connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; "
@@ -70,68 +75,6 @@ OF_A_STREAM = {'Content-Type': 'text/event-stream', 'X-Accel-Buffering': 'no'}
 """Headers of a stream, with which nginx forwards each message at once."""
 
 
-@dataclass(eq=False)
-class _Viewer:
-    """
-    A viewer of a page.
-
-    :ivar chunks: whether the viewer gets messages in chunks. Some proxies use HTTP/1.0, which has
-        none.
-    :ivar waits: whether there is news that has not been sent to the viewer yet.
-    :ivar moved: the last time when the viewer had received everything, in seconds.
-    """
-
-    transport: asyncio.Transport
-    protocol: asyncio.Protocol
-    moved: float
-    chunks: bool = True
-    waits: bool = False
-    gone: asyncio.Event = field(default_factory=asyncio.Event)
-
-    def has_all(self) -> bool:
-        """Return whether everything sent to the viewer has arrived."""
-        if self.transport.get_write_buffer_size():
-            return False
-        with contextlib.suppress(OSError):
-            return not unanswered(self.transport.get_extra_info('socket'))
-        return False
-
-
-class _Stream:
-    """The content of one page, encoded once for all its viewers."""
-
-    def __init__(self, show: Callable[[Heard], Shown]) -> None:
-        self._show = show
-        self._heard: Heard | None = None
-        self._body = ''
-        self._sent_body = ''
-        self._sent_at = 0.0
-        self.viewers: set[_Viewer] = set()
-
-    def is_due(self, heard: Heard, at: float) -> bool:
-        """Return whether a message is due for all viewers, and count it as sent."""
-        if heard is not self._heard:
-            self._heard, self._body = heard, json.dumps(self._show(heard))
-        if self._body == self._sent_body and at - self._sent_at < SAY_AGAIN:
-            return False
-        self._sent_body, self._sent_at = self._body, at
-        return True
-
-    def message(self, heard: Heard, at: float) -> bytes:
-        """Return the page's current content, as an event of a stream."""
-        self.is_due(heard, at)
-        age = at - heard.came if heard.race else 0.0
-        of_day, green = view.time_of_today(heard.race), view.green_for(heard.race)
-        running = None if heard.gone or green is None else round(green + age, 2)
-        times = {
-            't': round(at, 3),
-            'age': round(age, 1),
-            'day': None if of_day is None else round(of_day + age, 2),
-            'green': running,
-        }
-        return f'data: {json.dumps({"times": times})[:-1]}, "show": {self._body}}}\n\n'.encode()
-
-
 class Server:
     """
     The web server.
@@ -143,7 +86,9 @@ class Server:
     def __init__(self, look: Callable[[float], Heard]) -> None:
         self._look = look
         self._heard = look(clock.now())
-        self._streams: dict[str, _Stream] = {}
+        self._looked = asyncio.Event()
+        self._body = functools.lru_cache(MOST_VIEWERS)(self._encode)  # once for all viewers
+        self._viewers: set[asyncio.Protocol] = set()
         self._visits: dict[Any, float] = {}
         page = (PAGES / 'page.html').read_text(encoding='utf-8')
         app = web.Application(client_max_size=1024)
@@ -152,14 +97,15 @@ class Server:
             ('/', 'board'),
             ('/overlay', 'overlay'),
             ('/results', 'results'),
-            (r'/kart/{number:[1-9]\d{0,4}}', 'kart'),
+            (f'/kart/{{number:{KART}}}', 'kart'),
         ):
             made = page.replace('PAGE', name).encode()
             app.router.add_get(path, functools.partial(_answer, made, 'text/html'))
         for name, kind in (('board.css', 'text/css'), ('board.js', 'text/javascript')):
             made = (PAGES / name).read_bytes()
             app.router.add_get(f'/{name}', functools.partial(_answer, made, kind))
-        app.router.add_get('/live/{what}', self._watch, allow_head=False)
+        what = f'{"|".join(SHOWS)}|{KART}'
+        app.router.add_get(f'/live/{{what:{what}}}', self._watch, allow_head=False)
         # Hostile requests must not fill the log.
         self._runner = web.AppRunner(
             app, access_log=None, lingering_time=1.0, logger=logging.getLogger('board.requests')
@@ -172,77 +118,92 @@ class Server:
         await web.SockSite(self._runner, listening).start()
         try:
             while not ending.is_set():
-                self._step(clock.now())
+                at = clock.now()
+                heard = self._look(at)
+                if heard is not self._heard:
+                    self._heard = heard
+                    self._body.cache_clear()
+                self._looked.set()  # every viewer that waits looks once
+                self._looked.clear()
+                self._end_visits(at)
                 await asyncio.sleep(NEWS_LOOK)
         finally:
-            for viewer in self._viewers():
-                _drop(viewer)
+            for each in self._connections():
+                _reset(each.transport)
+            self._looked.set()
             await self._runner.cleanup()
 
-    def _viewers(self) -> list[_Viewer]:
-        return [viewer for stream in self._streams.values() for viewer in stream.viewers]
-
-    def _step(self, at: float) -> None:
-        """Send viewers the news and drop those that are too slow."""
-        self._heard = self._look(at)
-        for name, stream in [*self._streams.items()]:
-            due, message = stream.is_due(self._heard, at), b''
-            for viewer in [*stream.viewers]:
-                viewer.waits |= due
-                if viewer.transport.is_closing():
-                    viewer.gone.set()
-                elif viewer.has_all():
-                    viewer.moved = at
-                    if viewer.waits:
-                        message = message or stream.message(self._heard, at)
-                        viewer.transport.write(_chunk(message) if viewer.chunks else message)
-                        viewer.waits = False
-                elif at - viewer.moved > SLOW_VIEWER:
-                    _drop(viewer)
-            if not stream.viewers:
-                del self._streams[name]
-        self._end_visits(at)
+    def _connections(self) -> list[Any]:
+        server = self._runner.server
+        return [each for each in server.connections if each.transport] if server else []
 
     def _end_visits(self, at: float) -> None:
         """Drop surplus and long-lasting connections that are not viewers'."""
-        server, watching = self._runner.server, {each.protocol for each in self._viewers()}
-        there = [each for each in (server.connections if server else ()) if each not in watching]
-        self._visits = {each: self._visits.get(each, at) for each in there}
+        visits = [each for each in self._connections() if each not in self._viewers]
+        self._visits = {each: self._visits.get(each, at) for each in visits}
         oldest_first = sorted(self._visits, key=self._visits.__getitem__)
         for number, visit in enumerate(oldest_first):
-            too_much = number >= MOST_VISITS or at - self._visits[visit] > VISIT
-            if too_much and visit.transport is not None:
+            if number >= MOST_VISITS or at - self._visits[visit] > VISIT:
                 _reset(visit.transport)
 
     async def _watch(self, request: web.Request) -> web.StreamResponse:
-        """Send a viewer a stream for as long as the viewer accepts it."""
-        what = request.match_info['what']
-        shows = {'board': view.board, 'results': view.results}.get(what)
-        if shows is None and re.fullmatch(r'[1-9]\d{0,4}', what):
-            shows = functools.partial(view.kart, number=int(what))
-        if shows is None:
-            raise web.HTTPNotFound
-        if len(self._viewers()) >= MOST_VIEWERS:
+        """Send a viewer what a page shows, for as long as the viewer accepts it."""
+        transport = request.transport
+        if len(self._viewers) >= MOST_VIEWERS:
             raise web.HTTPServiceUnavailable(
                 text=f'The board already has {MOST_VIEWERS} viewers. Try again later'
             )
-        transport = request.transport
         if transport is None:
             raise web.HTTPBadRequest
-        at = clock.now()
-        chunks = request.version >= HttpVersion11
-        stream, viewer = _Stream(shows), _Viewer(transport, request.protocol, at, chunks)
         response = web.StreamResponse(headers=OF_A_STREAM)
-        await response.prepare(request)
-        await response.write(stream.message(self._heard, at))
-        transport.pause_reading()  # further input is not read, so it uses no memory
-        stream = self._streams.setdefault(what, stream)
-        stream.viewers.add(viewer)
+        self._viewers.add(request.protocol)
         try:
-            await viewer.gone.wait()
+            await response.prepare(request)
+            transport.pause_reading()  # further input is not read, so it uses no memory
+            # Writing never waits, because only one message at a time is on its way.
+            transport.set_write_buffer_limits(sys.maxsize)
+            shown, said_at, moved = '', 0.0, clock.now()
+            while not transport.is_closing():
+                at = clock.now()
+                if _has_all(transport):
+                    moved, body = at, self._body(request.match_info['what'])
+                    if body != shown or at - said_at >= SAY_AGAIN:
+                        shown, said_at = body, at
+                        await response.write(self._message(body, at))
+                elif at - moved > SLOW_VIEWER:
+                    _reset(transport)
+                await self._looked.wait()
         finally:
-            stream.viewers.discard(viewer)
+            self._viewers.discard(request.protocol)
         return response
+
+    def _encode(self, what: str) -> str:
+        """Return the content of a page: a key of `SHOWS`, or the number of a kart."""
+        show = SHOWS[what](self._heard) if what in SHOWS else view.kart(self._heard, int(what))
+        return json.dumps(show)
+
+    def _message(self, body: str, at: float) -> bytes:
+        """Return the content of a page, with the present times, as an event of a stream."""
+        heard = self._heard
+        age = at - heard.came if heard.race else 0.0
+        of_day, green = view.time_of_today(heard.race), view.green_for(heard.race)
+        running = None if heard.gone or green is None else round(green + age, 2)
+        times = {
+            't': round(at, 3),
+            'age': round(age, 1),
+            'day': None if of_day is None else round(of_day + age, 2),
+            'green': running,
+        }
+        return f'data: {json.dumps({"times": times})[:-1]}, "show": {body}}}\n\n'.encode()
+
+
+def _has_all(transport: asyncio.Transport) -> bool:
+    """Return whether everything sent on a connection has arrived."""
+    if transport.get_write_buffer_size():
+        return False
+    with contextlib.suppress(OSError):
+        return not unanswered(transport.get_extra_info('socket'))
+    return False
 
 
 def _reset(transport: asyncio.Transport) -> None:
@@ -251,16 +212,6 @@ def _reset(transport: asyncio.Transport) -> None:
         connection = transport.get_extra_info('socket')
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
     transport.abort()
-
-
-def _drop(viewer: _Viewer) -> None:
-    _reset(viewer.transport)
-    viewer.gone.set()
-
-
-def _chunk(data: bytes) -> bytes:
-    """Return bytes as a chunk of an HTTP/1.1 answer (RFC 9112, section 7.1)."""
-    return b'%x\r\n%b\r\n' % (len(data), data)
 
 
 async def _answer(body: bytes, kind: str, request: web.Request) -> web.Response:

@@ -287,7 +287,7 @@ class Laps:
             mark = self._mark(crossing, kart, counted.get(kart, ()))
             if mark is Mark.COUNTED:
                 counted[kart] = (*counted.get(kart, ()), crossing.at)
-            judged.append(Crossing(crossing.passing, crossing.came, crossing.at, kart, mark))
+            judged.append(crossing._replace(kart=kart, mark=mark))
         together = (*self.crossings, *judged)
         return dataclasses.replace(self, crossings=together, counted=counted), judged
 
