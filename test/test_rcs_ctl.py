@@ -739,6 +739,23 @@ def test_a_stop_is_sent_although_ros_can_write_no_log(
     assert done.returncode == ACCEPTED, done.stderr
 
 
+def test_a_stop_is_sent_although_the_disk_is_full(lasting: RaceControl) -> None:
+    code = (
+        "import sys, tempfile; tempfile.tempdir = '/proc'  # nobody can write there\n"
+        "from evgp_rcs_console.ctl import main; sys.exit(main(['red-flag']))"
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=2 * PATIENCE,
+        env={**os.environ, 'ROS_DOMAIN_ID': str(lasting.domain)},
+    )
+
+    assert done.returncode == ACCEPTED, done.stderr
+
+
 def test_a_name_in_another_encoding_keeps_no_stop_back(lasting: RaceControl) -> None:
     done = run(lasting.domain, 'red-flag', '--official', os.fsdecode('Jürgen'.encode('latin-1')))
 

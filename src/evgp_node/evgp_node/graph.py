@@ -456,16 +456,26 @@ def cyclone_dds_configuration(interface: str) -> str:
 
 
 def _private_file(content: str) -> str:
-    """Return the path of a file that only this user can read, and that `fence_graph` deletes."""
-    # Fast DDS requires a file with a name, which a memfd does not have.
-    file = tempfile.NamedTemporaryFile('w', prefix='evgp-graph-', suffix='.xml')  # noqa: SIM115
-    file.write(content)
-    file.flush()
-    _profiles.append(file)
-    return file.name
+    """
+    Return the path of a file that only this user can read, and that `fence_graph` deletes.
+
+    :raises GraphError: if no such file can be written.
+    """
+    # Fast DDS requires a file with a name, which a memfd does not have. It is in memory because
+    # the disk may be full or hang, and a stop must be sent, and race control start, even then.
+    data = content.encode()
+    for folder in ('/dev/shm', None):  # noqa: S108 - other users cannot take this file's name
+        with contextlib.suppress(OSError):
+            file = tempfile.NamedTemporaryFile(  # noqa: SIM115
+                buffering=0, prefix='evgp-graph-', suffix='.xml', dir=folder
+            )
+            if file.write(data) == len(data):
+                _profiles.append(file)
+                return file.name
+    raise GraphError('no file can be written to /dev/shm or to /tmp. Make room in one of them')
 
 
-_profiles: list[tempfile._TemporaryFileWrapper[str]] = []
+_profiles: list[tempfile._TemporaryFileWrapper[bytes]] = []
 
 
 def _may_come(named: str) -> bool:
