@@ -756,6 +756,17 @@ def test_a_stop_is_sent_although_the_disk_is_full(lasting: RaceControl) -> None:
     assert done.returncode == ACCEPTED, done.stderr
 
 
+def test_the_code_of_what_was_accepted_says_so_although_nobody_could_print_it(
+    lasting: RaceControl,
+) -> None:
+    command = [executable('evgp_rcs_console', 'rcs_ctl'), 'red-flag']
+    with open('/dev/full', 'w') as full:  # noqa: PTH123
+        domain = {**os.environ, 'ROS_DOMAIN_ID': str(lasting.domain)}
+        code = subprocess.call(command, stdout=full, stderr=full, env=domain)
+
+    assert code == ACCEPTED
+
+
 def test_a_name_in_another_encoding_keeps_no_stop_back(lasting: RaceControl) -> None:
     done = run(lasting.domain, 'red-flag', '--official', os.fsdecode('Jürgen'.encode('latin-1')))
 

@@ -105,7 +105,7 @@ def _work(given: Sequence[str], wanted: argparse.Namespace) -> int:
         try:
             for said, stream in ((told.output, sys.stdout), (told.error, sys.stderr)):
                 if said:
-                    with contextlib.suppress(BrokenPipeError):
+                    with contextlib.suppress(OSError):  # whoever cannot print has still sent it
                         print(said, file=stream, flush=True)
         finally:
             end_within(TIDY, told.code)

@@ -153,7 +153,7 @@ def _give(
     command, kart = COMMANDS[wanted.command], getattr(wanted, 'kart', 0)
     entry = CATALOGUE[command]
     where = _where(client)
-    waited = until - now()
+    waited = max(0.0, until - now())
     details = f'once ROS had started, which took {starting:.1f} s; {where}'
     if not entry.stop and not client.wait_for(command, until - now()):
         not_there = texts.not_there(command, entry.label)
