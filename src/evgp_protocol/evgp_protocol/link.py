@@ -89,18 +89,14 @@ class TcpInfo:
 
     :ivar round_trip: smoothed round-trip time, in seconds; 0 if not measured yet.
     :ivar retransmitted: number of segments sent again since the connection began.
-    :ivar unanswered: number of segments that were sent but not answered.
     :ivar since_answer: time since the other kernel last answered, in seconds, with an error of 1
         to 4 ms.
-    :ivar answered: number of bytes that the other kernel has answered since the connection began.
     :ivar window: number of bytes that the other kernel would still accept; None if unknown.
     """
 
     round_trip: float
     retransmitted: int
-    unanswered: int
     since_answer: float
-    answered: int
     window: int | None = None
 
 
@@ -115,9 +111,7 @@ def parse(data: bytes) -> TcpInfo | None:
     return TcpInfo(
         round_trip=fields[15] / 1e6,
         retransmitted=fields[23],
-        unanswered=fields[4],
         since_answer=fields[12] / 1e3,
-        answered=fields[26],
         window=window,
     )
 

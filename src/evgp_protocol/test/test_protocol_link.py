@@ -44,10 +44,9 @@ def test_the_kernel_says_how_a_connection_is() -> None:
             time.sleep(0.001)
         info = read(one)
         assert info is not None
-        assert info.answered in (1100, 1101)  # Linux before 4.7 counts the first SYN
         assert 0 < info.round_trip < 10
         assert info.since_answer < 10
-        assert (info.retransmitted, info.unanswered, unsent(one)) == (0, 0, 0)
+        assert (info.retransmitted, unsent(one)) == (0, 0)
 
 
 def test_a_closed_socket_says_nothing() -> None:
@@ -61,14 +60,12 @@ def test_a_closed_socket_says_nothing() -> None:
 
 def test_each_figure_stands_where_linux_puts_it() -> None:
     data = bytearray(232)
-    for at, value in ((24, 3), (56, 250), (68, 41_500), (100, 12), (228, 5744)):
+    for at, value in ((56, 250), (68, 41_500), (100, 12), (228, 5744)):
         struct.pack_into('=I', data, at, value)
-    struct.pack_into('=Q', data, 120, 2**40)
     info = parse(bytes(data))
     assert info is not None
-    assert (info.unanswered, info.retransmitted, info.answered) == (3, 12, 2**40)
     assert (info.window, parse(bytes(data[:228])).window) == (5744, None)
-    assert (info.since_answer, info.round_trip) == (0.25, 0.0415)
+    assert (info.since_answer, info.round_trip, info.retransmitted) == (0.25, 0.0415, 12)
 
 
 @given(st.binary(max_size=400))

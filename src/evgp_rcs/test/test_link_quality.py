@@ -19,7 +19,7 @@ TIMES = st.one_of(SOME_TIMES, st.floats(0.0, 30.0))
 
 
 def info(retransmitted: int = 0) -> TcpInfo:
-    return TcpInfo(0.04123456, retransmitted, 1, 0.012, 100)
+    return TcpInfo(0.04123456, retransmitted, 0.012)
 
 
 @given(st.lists(st.tuples(TIMES, TIMES, TIMES), min_size=1, max_size=40))
