@@ -182,8 +182,10 @@ class InspectedKart:
         long_after: float = LONG_AFTER,
     ) -> None:
         self.speed = 0.0
+        assert habit in ('', *HABITS)
+        assert fault in ('', *FAULTS)
         self._has = {name: name == habit for name in HABITS}
-        assert not habit or habit in HABITS
+        self._fault = fault
         self._long_after = long_after
         self._read_at = self._took_at = 0.0
         self._says_garage = says_garage
@@ -191,7 +193,6 @@ class InspectedKart:
         self._port = port
         self._take = take
         self._is = {name: name == fault for name in FAULTS}
-        assert not fault or fault in FAULTS
         shorter = self._has['takes a shorter silence for a loss']
         self._silence = 0.9 * silence if shorter else silence
         self._loop = asyncio.get_running_loop()
@@ -244,9 +245,8 @@ class InspectedKart:
                     second = socket.create_connection(('127.0.0.1', self._port))
                 with link:
                     await self._serve(link)
-                if self._is['FIN ends it'] and self._lost_how == 'closed':
-                    await self._loop.create_future()
-                if self._is['RST ends it'] and self._lost_how == 'reset':
+                ends = {'FIN ends it': 'closed', 'RST ends it': 'reset'}
+                if self._lost_how == ends.get(self._fault):
                     await self._loop.create_future()
                 await asyncio.sleep(RETRY)
         finally:
@@ -284,18 +284,15 @@ class InspectedKart:
         self._heard_at = self._loop.time()
         self._frame_times.clear()
         self._silent_kept = False
-        how = self._lost_how
-        kept = (
-            (how == 'silent' and self._is['silence does not disarm it'])
-            or (how in ('closed', 'reset') and self._is['a lost connection does not disarm it'])
-            or (how == 'refused' and self._is['a race control that is away arms it'])
-        )
-        if not kept:
+        keeps = {
+            'silence does not disarm it': ('silent',),
+            'a lost connection does not disarm it': ('closed', 'reset'),
+            'a race control that is away arms it': ('refused',),
+        }
+        if self._lost_how not in keeps.get(self._fault, ()):
             self._armed = False
-        first = self._links == 1
-        if self._is['speaks first'] and first:
-            self._say(encode(RED_RED))
-        if self._is['says on a new connection what it said before'] and not first:
+        again = self._links > 1
+        if self._is['says on a new connection what it said before' if again else 'speaks first']:
             self._say(encode(RED_RED))
         try:
             await self._read(link)
@@ -395,34 +392,30 @@ class InspectedKart:
 
     def _lost(self, how: str) -> None:
         self._lost_how = how
-        coasts = (
-            self._is['coasts when its link is lost while RED_FLAG brakes']
-            and self._commanded is RED_FLAG
-        ) or (
-            self._is['coasts when its link is lost while RED_RED brakes']
-            and self._commanded is RED_RED
-        )
-        self._coasts = coasts and self.speed > 0.0
+        commanded = self._commanded.value if self._commanded else ''
+        coasts = f'coasts when its link is lost while {commanded} brakes'
+        self._coasts = self._fault == coasts and self.speed > 0.0
         self._closed = self._closed or how == 'closed'
-        self._goes_on = (
-            (
-                (how == 'closed' and self._is['drives on after FIN'])
-                or (how == 'silent' and self._is['drives on in silence'])
-                or (how == 'reset' and self._is['drives on after RST'])
-                or (how == 'killed' and self._is['drives on without its bridge'])
-            )
-            and self._obeyed is GREEN_GREEN
-        ) or (self._goes_on and self._is['drives on without its bridge'])
+        drives_on = {
+            'drives on after FIN': 'closed',
+            'drives on in silence': 'silent',
+            'drives on after RST': 'reset',
+            'drives on without its bridge': 'killed',
+        }
+        self._goes_on = (how == drives_on.get(self._fault) and self._obeyed is GREEN_GREEN) or (
+            self._goes_on and self._is['drives on without its bridge']
+        )
         if self._is['drives on in silence while RED_FLAG brakes']:
             self._goes_on = how == 'silent' and self._obeyed is RED_FLAG and self.speed > 0.0
 
     def _take_in(self, data: bytes) -> bool:
         now = self._loop.time()
-        if (
-            self._is['needs a whole frame in each read']
-            or self._is[ECHOES_LATE]
-            or (self._is['forgets half a frame'] and now - self._took_at > 2 * STEP)
-        ):
+        forgets = {
+            'needs a whole frame in each read': True,
+            ECHOES_LATE: True,
+            'forgets half a frame': now - self._took_at > 2 * STEP,
+        }
+        if forgets.get(self._fault):
             self._decoder = FrameDecoder()
         self._took_at = now
         if self._is['throws long reads away'] and len(data) > 40:
@@ -476,31 +469,17 @@ class InspectedKart:
         self._reached_at = None
         if state is IN_GARAGE and self._says_garage and not self._is[ECHOES_LATE]:
             self._say(encode(state))
-        stays = (
-            (before is GRID_ACTIVE and state is GREEN_GREEN)
-            or (self._is['RED_RED does not disarm it'] and RED_RED in (before, state))
-            or (self._is['RED_FLAG does not disarm it'] and RED_FLAG in (before, state))
-            or (
-                self._is['drives on when GREEN_GREEN comes while RED_FLAG brakes']
-                and RED_FLAG in (before, state)
-                and self.speed > 0.0
-            )
-            or (
-                self._is['drives on when GREEN_GREEN comes while RED_RED brakes']
-                and RED_RED in (before, state)
-                and self.speed > 0.0
-            )
-            or before is None
-        )
-        keeps = self._is['IN_GARAGE does not disarm it'] and IN_GARAGE in (before, state)
-        if (not stays or state is IN_GARAGE) and not keeps:
+        both = [each.value for each in (before, state) if each]
+        keeps = {f'{each} does not disarm it' for each in both}
+        if self.speed > 0.0:
+            keeps |= {f'drives on when GREEN_GREEN comes while {each} brakes' for each in both}
+        stays = before is None or (before is GRID_ACTIVE and state is GREEN_GREEN)
+        if self._fault not in keeps and (not stays or state is IN_GARAGE):
             self._armed = False
         if state is GRID_ACTIVE:
             self._grids += 1
             self._armed = self._armed or self._is['is armed by hearing GRID_ACTIVE']
-        if self._is['echoes RED_RED'] and state is RED_RED:
-            self._say(encode(state))
-        if self._is['echoes RED_FLAG'] and state is RED_FLAG:
+        if self._fault == f'echoes {state.value}':
             self._say(encode(state))
         if self._is['says malformed frames'] and state is GRID_ACTIVE:
             self._say(b'$OK;')
@@ -552,11 +531,12 @@ class InspectedKart:
         rolls = self._reached_at is not None and now - self._reached_at > 1.1
         if self._is['rolls off after RED_FLAG'] and obeyed is RED_FLAG and rolls:
             target = 0.5
-        if since > self._long_after and (
-            (self._is['moves off long after a red'] and obeyed is RED_RED)
-            or (self._is['drives by itself long after IN_GARAGE'] and obeyed is IN_GARAGE)
-        ):
-            target = 0.5 if self._commanded is not None else target
+        long_after = {
+            'moves off long after a red': RED_RED,
+            'drives by itself long after IN_GARAGE': IN_GARAGE,
+        }
+        if since > self._long_after and self._commanded is not None:
+            target = 0.5 if obeyed is long_after.get(self._fault) else target
         if self._is['ignores RED_FLAG at first'] and obeyed is RED_FLAG and since < 1.0:
             target = self.speed
         away = self._link is None and now - self._heard_at > self._long_after
@@ -577,16 +557,11 @@ class InspectedKart:
             died = self._stack_died_at = None
         if died is not None and now - died > UNCOMMANDED:
             target = TOP if self._is['drives on without its stack'] else 0.0
-        gently = obeyed is RED_FLAG or (
-            obeyed is RED_RED
-            and (
-                self._is['brakes for RED_RED as for RED_FLAG']
-                or (
-                    self._is['brakes on as for RED_FLAG when RED_RED comes']
-                    and self._before is RED_FLAG
-                )
-            )
-        )
+        weak = {
+            'brakes for RED_RED as for RED_FLAG': True,
+            'brakes on as for RED_FLAG when RED_RED comes': self._before is RED_FLAG,
+        }
+        gently = obeyed is RED_FLAG or (obeyed is RED_RED and weak.get(self._fault, False))
         braking = FLAG_BRAKING if gently and died is None else BRAKING
         if gently and self._is['drives on in silence while RED_FLAG brakes']:
             braking = 0.6 * FLAG_BRAKING  # it still rolls when it notices the silence
@@ -630,18 +605,16 @@ class InspectedKart:
             return
         moves = self.speed > 0.0
         reached = moves is (obeyed is GREEN_GREEN)
-        if self._is['creeps on the grid'] and obeyed is GRID_ACTIVE:
-            reached = True
-        if self._is['says that it drives before it does'] and obeyed is GREEN_GREEN:
-            reached = True
-        if obeyed is RED_RED and (
-            (self._is['acknowledges RED_RED while RED_FLAG brakes'] and self._before is RED_FLAG)
-            or (
-                self._is['acknowledges RED_RED on a new connection while it rolls']
-                and self._orders == 1
-            )
-        ):
-            reached = True
+        false = {
+            'creeps on the grid': GRID_ACTIVE,
+            'says that it drives before it does': GREEN_GREEN,
+        }
+        reached = reached or obeyed is false.get(self._fault)
+        early = {
+            'acknowledges RED_RED while RED_FLAG brakes': self._before is RED_FLAG,
+            'acknowledges RED_RED on a new connection while it rolls': self._orders == 1,
+        }
+        reached = reached or (obeyed is RED_RED and early.get(self._fault, False))
         if not reached or self._keeps_quiet(obeyed):
             return
         if self._reached_at is None:
@@ -660,6 +633,5 @@ class InspectedKart:
             'never acknowledges RED_RED after FIN': (RED_RED, self._closed),
             ECHOES_LATE: (RED_RED, True),
         }
-        return any(
-            self._is[fault] and obeyed is each and now for fault, (each, now) in keeps.items()
-        )
+        state, now = keeps.get(self._fault, (None, False))
+        return obeyed is state and now
