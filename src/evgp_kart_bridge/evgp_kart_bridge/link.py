@@ -133,7 +133,6 @@ class RaceControlLink:
         self._settings = settings
         self._publish = publish
         self._on_failure = on_failure
-        self._verdict = arbiter.verdict  # after the last input
         self._published: Verdict | None = None
         self._status = LinkStatus()
         self._connection: _Connection | None = None
@@ -240,7 +239,6 @@ class RaceControlLink:
         """Pass an input to the arbiter and carry out its reaction, but do not publish yet."""
         loop = asyncio.get_running_loop()
         reaction = take(self._arbiter, loop.time())
-        self._verdict = reaction.verdict
         connection = self._connection
         if reaction.give_up is not None and connection is not None:
             self._connection = None
@@ -248,7 +246,6 @@ class RaceControlLink:
             connection.abort()
         elif reaction.send is not None and connection is not None:
             connection.send(reaction.send)
-            self._verdict = self._arbiter.verdict  # sending may have ended the connection
         due = self._arbiter.deadline
         if due is not None and (self._timer is None or due < self._timer.when()):
             if self._timer is not None:
@@ -260,13 +257,11 @@ class RaceControlLink:
         self._timer = None
         self._take(Arbiter.tick)
 
-    def _publish_news(self) -> None:
-        if self._verdict != self._published:
-            self._publish_now(self._verdict)
-
-    def _publish_now(self, verdict: Verdict) -> None:
-        self._published = verdict
-        self._publish(verdict, self._status)
+    def _publish_news(self, repeat: bool = False) -> None:
+        verdict = self._arbiter.verdict
+        if repeat or verdict != self._published:
+            self._published = verdict
+            self._publish(verdict, self._status)
 
     async def _count_turns(self) -> None:
         while True:
@@ -275,8 +270,8 @@ class RaceControlLink:
 
     async def _repeat(self) -> None:
         while True:
-            self._take(Arbiter.tick)
-            self._publish_now(self._arbiter.verdict)
+            self._give(Arbiter.tick)
+            self._publish_news(repeat=True)
             await asyncio.sleep(1 / REPEAT)
 
     # ----- the connection -----------------------------------------------------------------

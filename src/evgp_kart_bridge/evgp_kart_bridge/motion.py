@@ -20,9 +20,6 @@ WINDOW = 1.0
 POSE_NOISE = 0.1
 """Maximum distance that the pose of a kart at standstill moves within `WINDOW`, in metres."""
 
-NEVER_MOVED = 5.0
-"""Time at 0.00 m/s in GREEN_GREEN after which the bridge warns of the odometry, in seconds."""
-
 
 class Motion:
     """
@@ -34,8 +31,6 @@ class Motion:
     def __init__(self) -> None:
         self.contradiction = ''
         self._seen: deque[tuple[float, float, float, float]] = deque()  # time, x, y, distance
-        self._zero_since: float | None = None
-        self._warned = False
 
     def speed(self, twist: float, x: float, y: float, now: float) -> float:
         """
@@ -74,21 +69,3 @@ class Motion:
             f'{explained:.1f} m: is the twist filled in?'
         )
         return math.nan if math.isnan(twist) else max(abs(twist), went / WINDOW)
-
-    def never_moves(self, green: bool, speed: float, now: float) -> bool:
-        """
-        Return True once for each standstill of `NEVER_MOVED` in GREEN_GREEN.
-
-        :param green: whether the kart obeys GREEN_GREEN.
-        :param speed: the speed, in m/s.
-        :param now: the time, in seconds.
-        """
-        if not green or not speed < 0.005:
-            self._zero_since, self._warned = None, False
-            return False
-        if self._zero_since is None:
-            self._zero_since = now
-        if self._warned or now < self._zero_since + NEVER_MOVED:
-            return False
-        self._warned = True
-        return True

@@ -29,7 +29,7 @@ from evgp_kart_bridge.link import (
     RaceControlLink,
     REPEAT,
 )
-from evgp_kart_bridge.motion import Motion, NEVER_MOVED
+from evgp_kart_bridge.motion import Motion
 from evgp_kart_bridge.orders import LONGEST_LEASE
 from evgp_kart_bridge.watch import LEASE, LOG_AGAIN, race_state_qos
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
@@ -92,6 +92,9 @@ UNACKNOWLEDGED = 5.0
 ODOMETRY_DUE = 2.0
 """Time after which the bridge warns that the expected odometry is missing, in seconds."""
 
+NEVER_MOVED = 5.0
+"""Time at 0.00 m/s in GREEN_GREEN after which the bridge warns of the odometry, in seconds."""
+
 TEAM_TIMEOUT = 1.0
 """Time after which a bridge whose executor is stuck counts as deaf to its team, in seconds."""
 
@@ -132,6 +135,28 @@ def _to_paste(verdict: Verdict) -> str:
     return f'once the kart has reached that state, send {{{done}}}'
 
 
+class Lasting:
+    """
+    Notices that something has lasted for some time.
+
+    :param seconds: this time, in seconds.
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+        self._what: object = None
+        self._due = math.inf  # infinite once it was noticed
+
+    def is_due(self, what: object, now: float) -> bool:
+        """Return True once, if `what` is true and has not changed for that time."""
+        if what != self._what:
+            self._what, self._due = what, now + self._seconds
+        if not what or now < self._due:
+            return False
+        self._due = math.inf
+        return True
+
+
 class PublishError(RuntimeError):
     """The middleware did not accept the race state, so the bridge could not publish it."""
 
@@ -168,11 +193,9 @@ class KartBridge(StrictNode):
         self._logged_last = ''
         self._motion = Motion()  # in the executor's thread
         self._odometry_at: float | None = None
-        self._odometry_missed_at: float | None = None
         self._odometry_was_missed = False
-        self._awaited: tuple[int, float] | None = None  # the order, and since when
-        self._read = False
-        self._unread_at: float | None = clock.now()  # None once it is read, or logged as unread
+        self._unread, self._never_moved = Lasting(UNREAD), Lasting(NEVER_MOVED)
+        self._no_odometry, self._unacknowledged = Lasting(ODOMETRY_DUE), Lasting(UNACKNOWLEDGED)
         self._until_diagnostics = 0
         self._until_look = 0
         # The link's thread triggers this condition. An executor that runs the callback can also
@@ -350,13 +373,7 @@ class KartBridge(StrictNode):
 
     def _look_for_readers(self) -> None:
         """Log once that no stack reads the race state: it may be in another ROS domain."""
-        if self._is_read():
-            self._unread_at = None
-            self._read = True
-        elif self._read:
-            self._read, self._unread_at = False, clock.now()
-        elif self._unread_at is not None and clock.now() >= self._unread_at + UNREAD:
-            self._unread_at = None
+        if self._unread.is_due(not self._is_read(), clock.now()):
             self.get_logger().warning(
                 f'No node has read {self._race_state.topic_name} in {self._graph} for {UNREAD:g} '
                 's. Check that the stack is running, with the same ROS_DOMAIN_ID, and without '
@@ -377,7 +394,7 @@ class KartBridge(StrictNode):
             )
         published = self._published
         green = published is not None and published.state is RaceState.GREEN_GREEN
-        if self._motion.never_moves(green, speed, now):
+        if self._never_moved.is_due(green and speed < 0.005, now):
             missing = (
                 'its stack sends the motors no speed'
                 if self._is_read()
@@ -487,26 +504,18 @@ class KartBridge(StrictNode):
     def _log_odometry(self) -> None:
         """Log once each time odometry goes missing, and once when it comes back."""
         missing = self._arbiter.missing_odometry
-        now = clock.now()
-        if not missing:
-            if self._odometry_was_missed:
-                self.get_logger().info(f'Odometry received on {self._odometry_topic}')
-            self._odometry_was_missed, self._odometry_missed_at = False, None
-        elif self._odometry_missed_at is None:
-            self._odometry_missed_at = now
-        elif not self._odometry_was_missed and now >= self._odometry_missed_at + ODOMETRY_DUE:
+        if self._no_odometry.is_due(bool(missing), clock.now()):
             self._odometry_was_missed = True
             self.get_logger().warning(f'Only IN_GARAGE can be acknowledged: {missing}')
+        elif self._odometry_was_missed and not missing:
+            self._odometry_was_missed = False
+            self.get_logger().info(f'Odometry received on {self._odometry_topic}')
 
     def _log_unacknowledged(self, verdict: Verdict) -> None:
         """If only the acknowledgement of an order is missing, log this once for that order."""
-        awaited, now = self._arbiter.awaited, clock.now()
-        if awaited is None:
-            self._awaited = None
-        elif self._awaited is None or self._awaited[0] != verdict.order:
-            self._awaited = verdict.order, now
-        elif now >= self._awaited[1] + UNACKNOWLEDGED:
-            self._awaited = verdict.order, math.inf
+        awaited = self._arbiter.awaited
+        lasts = self._unacknowledged.is_due(awaited and verdict.order, clock.now())
+        if lasts and awaited is not None:
             does = 'drives' if awaited is RaceState.GREEN_GREEN else 'stands still'
             self.get_logger().warning(
                 f'{awaited.value} has not been acknowledged for {UNACKNOWLEDGED:g} s, although '

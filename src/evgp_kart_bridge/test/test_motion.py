@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 
-from evgp_kart_bridge.motion import Motion, NEVER_MOVED, WINDOW
+from evgp_kart_bridge.motion import Motion, WINDOW
+from evgp_kart_bridge.node import Lasting
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -52,11 +53,11 @@ def test_a_twist_that_is_no_number_is_no_standstill() -> None:
     assert all(math.isnan(motion.speed(math.nan, turn, 0.0, turn * 0.1)) for turn in range(30))
 
 
-def test_a_kart_that_never_moves_in_green_green_is_told_once_each_time() -> None:
-    motion = Motion()
-    for _ in range(2):
-        told = [motion.never_moves(True, 0.0, at / 10) for at in range(round(NEVER_MOVED * 20))]
-        assert told.count(True) == 1
-        assert told.index(True) == round(NEVER_MOVED * 10)
-        assert not motion.never_moves(False, 0.0, 0.0)
-    assert not motion.never_moves(True, 0.5, 100.0)
+def test_what_lasts_is_noticed_once_each_time_it_begins_or_changes() -> None:
+    lasting = Lasting(5.0)
+    for what in (True, 7, 8):
+        noticed = [lasting.is_due(what, at / 10) for at in range(100)]
+        assert noticed.count(True) == 1
+        assert noticed.index(True) == 50
+    assert not lasting.is_due(False, 10.0)
+    assert not lasting.is_due(8, 20.0)
