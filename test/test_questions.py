@@ -34,7 +34,7 @@ from evgp_rcs.rules.race import (
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot, snapshot_of
 from evgp_rcs_console.client import spoken
 from evgp_rcs_console.questions import Effects, effects
-from evgp_rcs_console.view import Button, show
+from evgp_rcs_console.view import Button, Screen
 from evgp_rcs_msgs import msg
 import pytest
 from rig.seed import dice_of
@@ -173,7 +173,7 @@ class Walk:
         """Yield every command that asks and can be given now."""
         race = copy.deepcopy(self.race)
         shown = published(race, self.now)
-        screen = show(shown, 0.0, {})
+        screen = Screen(shown, 0.0, {})
         for command in ASKING:
             karts: tuple[KartSnapshot | None, ...] = (
                 shown.karts if CATALOGUE[command].to_one_kart else (None,)

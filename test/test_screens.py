@@ -27,7 +27,7 @@ from evgp_rcs.rules.race import LastRun
 from evgp_rcs.rules.snapshot import Snapshot, snapshot_of
 from evgp_rcs.words import STATUS
 from evgp_rcs_console import results, texts
-from evgp_rcs_console.view import show, table
+from evgp_rcs_console.view import Screen, table
 from evgp_rcs_msgs import msg
 from evgp_timing.desk import Desk, Roster
 from evgp_timing.laps import LapSettings
@@ -136,7 +136,7 @@ def test_window_terminal_and_board_say_of_a_race_what_its_messages_say() -> None
         message = message_of(snapshot_of(race, now), msg.Race)
         said = message_of(timed.hear(), msg.Results)
         shown, found = value_of(message, Snapshot), value_of(said, Standings)
-        screen = show(shown, 0.0, {}, results=found)
+        screen = Screen(shown, 0.0, {}, heard=found)
         lines = table(screen)
         page = board.board(board.Heard(shown, found))
         sheet = board.results(board.Heard(shown, found))

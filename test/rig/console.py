@@ -234,7 +234,9 @@ def probe(window: Any, address: str) -> None:
     def describe(widget: Any) -> dict[str, Any]:
         corner = widget.mapToGlobal(QtCore.QPoint(0, 0))
         if isinstance(widget, AlertsArea):
-            text = widget.whole
+            document = QtGui.QTextDocument()
+            document.setHtml(widget.findChild(QtWidgets.QLabel, 'alert_texts').text())
+            text = document.toPlainText()
         elif isinstance(widget, QtWidgets.QListWidget):
             text = '\n'.join(widget.item(place).text() for place in range(widget.count()))
         elif hasattr(widget, 'text') and widget.text():

@@ -20,7 +20,7 @@ import wave
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs import words
-from evgp_rcs.rules.snapshot import Snapshot
+from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.notices import AlertBook, Notice, summary
@@ -31,9 +31,6 @@ from evgp_rcs_console.widgets import fixed, lay, mark, Panel, Push, Text, TOP
 
 PLACES = 5
 """Maximum number of alerts shown in full. The others are only counted, with their karts."""
-
-MANY = 4
-"""Maximum number of karts that fit in large type if their MSR alerts are not shown in full."""
 
 SOUND_AGAIN = 4.0
 """Time after which the alarm sounds again while an alert is unseen, in seconds."""
@@ -155,36 +152,25 @@ class AlertsArea(Panel):
         self.alarm = Alarm()
         self._book = AlertBook()
         self._state: RaceState | None = None
-        self._at, self._known = 0.0, False
+        self._screen = Screen(NOTHING, 0.0, {})
         self._notices: list[Notice] = []
         self._aim: Aim[list[int]] = Aim()
-        self._summary = Text('standing', 'small bold', wrap=True)
-        self._see = Push('seen', 'SEEN', 'F10', kind='quiet small')
-        self._see_all = Push('seen_all', 'ALL SEEN', kind='quiet small')
-        self._mute = Push('mute', '♪ ON', 'F11', kind='quiet small')
+        self._summary = fixed(Text('standing', 'small bold', wrap=True), height=26)
+        self._see = fixed(Push('seen', 'SEEN', 'F10', kind='quiet small'), height=24)
+        self._see_all = fixed(Push('seen_all', 'ALL SEEN', kind='quiet small'), height=24)
+        self._mute = fixed(Push('mute', '♪ ON', 'F11', kind='quiet small'), height=24)
         self._see.pressed.connect(lambda: self.press(1))
         self._see_all.clicked.connect(lambda: self.press(None))
         self._mute.clicked.connect(self.toggle_sound)
-        fixed(self._summary, height=26)
-        buttons = self._see, self._see_all, self._mute
-        for button in buttons:
-            fixed(button, height=24)
         self._body = QtWidgets.QLabel(objectName='alert_texts')
         self._body.setAlignment(TOP)
         self._body.setWordWrap(True)
         self._body.setSizePolicy(self.sizePolicy())
-        grid = lay(
-            self, buttons, gap=3, margins=(3, 3, 3, 3), columns=(1, 1, 1), heights=(0, 0, 1)
-        )
-        grid.addWidget(self._summary, 1, 0, 1, 3)
-        grid.addWidget(self._body, 2, 0, 1, 3)
+        buttons = self._see, self._see_all, self._mute
+        rows = buttons, (self._summary,) * 3, (self._body,) * 3
+        lay(self, *rows, gap=3, margins=(3, 3, 3, 3), columns=(1, 1, 1), heights=(0, 0, 1))
         self._shown, self._in_full = 0, True
         self._looks: object = None
-
-    @property
-    def whole(self) -> str:
-        shown = self._notices[: self._shown]
-        return '\n'.join(f'{each.heading}\n{each.kart}\n{each.text}' for each in shown)
 
     @property
     def cut(self) -> bool:
@@ -210,7 +196,7 @@ class AlertsArea(Panel):
 
     def look(self, now: float, alarming: bool) -> None:
         """Sound the alarm if that is due, for an unseen alert or for another reason."""
-        self.alarm.look(now, alarming or bool(self._book.unseen))
+        self.alarm.look(now, alarming or bool(self._unseen))
 
     def toggle_sound(self) -> None:
         self.alarm.muted = not self.alarm.muted
@@ -218,32 +204,22 @@ class AlertsArea(Panel):
         self._mute.show_words('♪ OFF' if self.alarm.muted else '♪ ON', 'F11')
 
     def show_screen(self, screen: Screen) -> None:
-        before = self._unseen
-        # If no snapshots arrive, an empty list does not mean that all is well.
-        self._at, self._known = screen.now, not screen.stale
+        before, self._screen = self._unseen, screen
         self._show()
         if before and before != self._unseen:
             self._aim.change(before, clock.now())
 
     def _show(self) -> None:
-        at = self._at
-        self._notices = notices = self._book.shown
+        at, self._notices = self._screen.now, self._book.shown
         looks = self._notices, int(at), self._body.size(), look.palette
         if looks != self._looks:
             self._looks, self._shown = looks, self._place(at)
-        tone = Tone.GOOD
-        if notices:
-            unseen = any(not each.seen and each.lasts for each in notices)
-            tone = Tone.BAD if unseen else Tone.PLAIN
-        text = summary(notices, self._shown)
-        if not notices and not self._known:
-            text, tone = '? not known', Tone.FAINT
-        shown = self._shown
-        others = sorted({each.kart for each in notices[shown:] if each.use_msr and each.kart})
-        if others:
-            text = f'⚠ MSR {", ".join(map(str, others))}'
-        self._summary.show_cell(Cell(text, tone))
-        mark(self._summary, kind='large bold' if 0 < len(others) <= MANY else 'small bold')
+        said = summary(self._notices, self._shown)
+        # If no snapshots arrive, an empty list does not mean that all is well.
+        is_known = self._notices or not self._screen.stale
+        self._summary.show_cell(said if is_known else Cell('? not known', Tone.FAINT))
+        is_short = said.text.startswith('⚠') and said.text.count(',') < 4
+        mark(self._summary, kind='large bold' if is_short else 'small bold')
         for button in (self._see, self._see_all):
             button.bar(not self._unseen)
 

@@ -30,7 +30,7 @@ from evgp_rcs_console.client import Client, domain_of, looking, PRESENCE_PERIOD
 from evgp_rcs_console.command_line import COMMANDS, Exit, GRACE, STARTING, Told
 from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.settings import Signature
-from evgp_rcs_console.view import aligned, Latest, present, show, table
+from evgp_rcs_console.view import aligned, Latest, present, Screen, table
 import rclpy
 
 SETTLED = 1.0
@@ -313,7 +313,7 @@ def _effects(
     command: CommandKind, race: Snapshot, kart: int, found: Standings | None
 ) -> list[str]:
     """Return the sentences of the window's question before a command."""
-    button = show(race, 0.0, {}, None, found).button(command, kart)
+    button = Screen(race, 0.0, {}, None, found).button(command, kart)
     assert button is not None
     question = button.question()
     return [*question.sentences, *filter(None, [question.caution])]

@@ -122,21 +122,22 @@ class Areas(QtWidgets.QWidget):
         self.setObjectName('window')
         self.setAttribute(QtCore.Qt.WidgetAttribute.WA_StyledBackground)
         self.seen = SeenCommands(self)
-        self._banner = Text('top_line', 'bold', CENTER, fills=True)
-        self.state = StatePanel()
+        self._banner = fixed(Text('top_line', 'bold', CENTER, fills=True), height=24)
+        self._banner.hide()
+        self.state = fixed(StatePanel(), 316)
         self.track = TrackPanel()
         self.danger = DangerPanel()
-        self.clock = ClockPanel()
-        self.kill = KillBox()
-        self.steps = Steps()
-        self.strip = Strip(names)
+        self.clock = fixed(ClockPanel(), 138)
+        self.kill = fixed(KillBox(), 272)
+        self.steps = fixed(Steps(), height=60)
+        self.strip = fixed(Strip(names), height=28)
         self.karts = KartList()
         how = '\n\n'.join(texts.HOW_TO_BEGIN)
         self.how_to_begin = Text('how_to_begin', 'large', wrap=True, text=how)
-        self.number_field = NumberField()
-        self.alerts = AlertsArea()
+        self.number_field = fixed(NumberField(), height=48)
+        self.alerts = fixed(AlertsArea(), height=198)
         self.events = EventPanel(names)
-        self.foot = Foot()
+        self.foot = fixed(Foot(), height=32)
         self._arrange()
         self.question = Question(self)
         self.help = Help(self)
@@ -145,37 +146,24 @@ class Areas(QtWidgets.QWidget):
         self._style: object = None
 
     def _arrange(self) -> None:
-        sizes: tuple[tuple[QtWidgets.QWidget, int, int], ...] = (
-            (self._banner, 0, 24),
-            (self.state, 316, 0),
-            (self.clock, 138, 0),
-            (self.kill, 272, 0),
-            (self.steps, 0, 60),
-            (self.strip, 0, 28),
-            (self.number_field, 0, 48),
-            (self.alerts, 0, 198),
-            (self.foot, 0, 32),
-        )
-        for part, width, height in sizes:
-            fixed(part, width, height)
-        top, side = QtWidgets.QWidget(), QtWidgets.QWidget()
-        fixed(top, height=78)
+        top, side = fixed(QtWidgets.QWidget(), height=78), QtWidgets.QWidget()
         # If two parts share a place, the last one added is visible and sets the gap.
-        grid = lay(top, gap=GAP, columns=(0, 1, 0))
-        grid.addWidget(self.danger, 0, 0, 1, 2)
-        for column, part in enumerate((self.state, self.track, self.clock)):
-            grid.addWidget(part, 0, column)
+        grid = lay(top, (self.danger, self.danger, self.clock), gap=GAP, columns=(0, 1, 0))
+        grid.addWidget(self.state, 0, 0)
+        grid.addWidget(self.track, 0, 1)
         lay(side, [self.number_field], [self.alerts], [self.events], gap=GAP, heights=(0, 0, 1))
-        grid = lay(self, gap=GAP, margins=(10, 10, 10, 6), columns=(1, 0), heights=(0, 0, 0, 0, 1))
-        self._banner.hide()
-        grid.addWidget(self._banner, 0, 0, 1, 2)
-        grid.addWidget(self.how_to_begin, 4, 0)
-        for row, part in enumerate((top, self.steps, self.strip, self.karts), 1):
-            grid.addWidget(part, row, 0)
+        rows = (
+            (self._banner, self._banner),
+            (top, self.kill),
+            (self.steps, self.kill),
+            (self.strip, side),
+            (self.how_to_begin, side),
+            (self.foot, self.foot),
+        )
+        margins, heights = (10, 10, 10, 6), (0, 0, 0, 0, 1)
+        grid = lay(self, *rows, gap=GAP, margins=margins, columns=(1, 0), heights=heights)
+        grid.addWidget(self.karts, 4, 0)
         self.how_to_begin.raise_()
-        grid.addWidget(self.kill, 1, 1, 2, 1)
-        grid.addWidget(side, 3, 1, 2, 1)
-        grid.addWidget(self.foot, 5, 0, 1, 2)
 
     def fit(self) -> None:
         """Adapt all areas and sheets to the size of the window and to the palette."""

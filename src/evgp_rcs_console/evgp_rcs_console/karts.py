@@ -72,7 +72,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
     ) -> bool:
         """Draw the content of a cell and return whether all of its text fits."""
         room = cell.adjusted(look.px(BESIDE if column == NUMBER else 0), 0, -look.px(BESIDE), -1)
-        said, below = COLUMNS[column].cell(row), COLUMNS[column].below(row)
+        said, below = row.cells[column]
         if self._table.stale:
             said, below = (each._replace(tone=Tone.FAINT) for each in (said, below))
         strong, high = row.in_race and not self._table.stale, cell.height()
@@ -242,7 +242,7 @@ class KartTable(QtWidgets.QTableWidget):
         self.setMouseTracking(True)
         self.setVerticalScrollMode(self.ScrollMode.ScrollPerPixel)
         self.setHorizontalScrollBarPolicy(QtCore.Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        headings = [*(column.heading for column in COLUMNS), 'Commands', *[''] * 9]
+        headings = [*COLUMNS, 'Commands', *[''] * 9]
         self.setHorizontalHeaderLabels(headings[: self.columnCount()])
         self.horizontalHeaderItem(0).setTextAlignment(CENTER)
         for header in (self.horizontalHeader(), self.verticalHeader()):
@@ -267,8 +267,7 @@ class KartTable(QtWidgets.QTableWidget):
 
 def _looks(row: Row) -> list[tuple[object, ...]]:
     """Return everything that decides how each cell looks, apart from what all cells share."""
-    both = row.in_race, row.use_msr, row.waits, row.bars
-    return [(column.cell(row), column.below(row), *both) for column in COLUMNS]
+    return [(*cell, row.in_race, row.use_msr, row.waits, row.bars) for cell in row.cells]
 
 
 def _tiles(rows: tuple[Row, ...], stale: bool) -> object:
@@ -293,13 +292,11 @@ class KartList(Panel):
 
     def __init__(self) -> None:
         super().__init__()
-        self._looks: list[list[tuple[object, ...]]] = []
         self.table = KartTable()
         self._delegate = KartDelegate(self.table)
-        self._tiles = Tiles(self.table)
+        self._tiles = fixed(Tiles(self.table), height=TILES)
         self._tiles.chosen.connect(self.wanted)
         self._tiles.hide()
-        fixed(self._tiles, height=TILES)
         self.table.setItemDelegate(self._delegate)
         self.table.pressed.connect(lambda index: self.chosen.emit(self.numbers[index.row()]))
         self.table.entered.connect(lambda index: self.pointed.emit(self.cut(index.row())))
@@ -341,14 +338,12 @@ class KartList(Panel):
         before, stale = table.rows, table.stale
         table.rows, table.stale = rows, screen.stale
         table.setRowCount(len(rows))
-        looks, self._looks = self._looks, [_looks(row) for row in rows]
         for place, row in enumerate(rows):
-            was = looks[place] if place < len(looks) else [None] * len(COLUMNS)
-            for number, column in enumerate(COLUMNS):
-                if was[number] != self._looks[place][number]:
-                    said = column.cell(row).text, column.below(row).text
-                    item = QtWidgets.QTableWidgetItem('\n'.join(filter(None, said)))
-                    table.setItem(place, number, item)
+            looked = _looks(before[place]) if place < len(before) else [()] * len(COLUMNS)
+            for number, (was, looks) in enumerate(zip(looked, _looks(row), strict=True)):
+                if was != looks:
+                    said = filter(None, (cell.text for cell in row.cells[number]))
+                    table.setItem(place, number, QtWidgets.QTableWidgetItem('\n'.join(said)))
             for number, command in enumerate(row.buttons, len(COLUMNS)):
                 if table.cellWidget(place, number) is None:
                     table.setCellWidget(place, number, CommandButton())
@@ -382,7 +377,7 @@ class KartList(Panel):
         high = min(look.px(HIGHEST), room // max(1, count)) if all_fit else look.px(SCROLLED)
         table.horizontalHeader().setFixedHeight(look.px(HEADING))
         table.verticalHeader().setDefaultSectionSize(high)
-        widths = [look.px(column.width + BESIDE) * bool(column.width) for column in COLUMNS]
+        widths = [look.px(width + BESIDE) * bool(width) for width in COLUMNS.values()]
         widths[0] += look.px(BESIDE)
         widths += [look.px(COMMAND)] * len(KART_COMMANDS)
         widths[widths.index(0)] = max(1, table.viewport().width() - sum(widths))

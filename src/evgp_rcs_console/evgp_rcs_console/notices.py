@@ -20,7 +20,7 @@ from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import Alert, AlertKind, Event, EventKind, StampedEvent
-from evgp_rcs.words import numbered, STATES, time_of_day
+from evgp_rcs.words import Cell, numbered, STATES, time_of_day, Tone
 from evgp_rcs_console import texts
 
 Key = tuple[AlertKind, int]
@@ -79,15 +79,17 @@ class AlertBook:
     If the cause of an alert goes away and comes back, the alert counts as new. An alert also
     counts as new when it begins to ask for the MSR, because the official may have seen the same
     alert while the MSR was recorded as used.
+
+    :ivar notices: the alerts, oldest first.
     """
 
     def __init__(self) -> None:
-        self._notices: list[Notice] = []
+        self.notices: list[Notice] = []
         self._count = 0
 
     def begin_race(self) -> None:
         """Remove the alerts that have ended, so that the next race begins without them."""
-        self._notices = [notice for notice in self._notices if notice.lasts]
+        self.notices = [notice for notice in self.notices if notice.lasts]
 
     def update(self, alerts: Iterable[Alert], two: bool = False) -> bool:
         """
@@ -100,7 +102,7 @@ class AlertBook:
         now: dict[Key, Alert] = {(alert.kind, alert.kart): alert for alert in alerts}
         kept: list[Notice] = []
         known: set[Key] = set()
-        for notice in self._notices:
+        for notice in self.notices:
             if notice.alert is None or not notice.lasts:
                 kept.append(notice)
                 continue
@@ -117,28 +119,23 @@ class AlertBook:
         for alert in news:
             self._count += 1
             kept.append(Notice(self._count, alert))
-        self._notices = kept
+        self.notices = kept
         return bool(news)
 
     def add_own(self, text: str) -> None:
         """Add a notice that this console raises itself; it stays until the official sees it."""
         self._count += 1
-        self._notices.append(Notice(self._count, None, said=text))
+        self.notices.append(Notice(self._count, None, said=text))
 
     def see(self, numbers: Collection[int]) -> None:
         """Mark alerts as seen. If one of them has ended, all ended alerts are removed."""
-        if any(each.number in numbers and not each.lasts for each in self._notices):
+        if any(each.number in numbers and not each.lasts for each in self.notices):
             self.begin_race()
-        self._notices = [
+        self.notices = [
             replace(notice, seen=True) if notice.number in numbers else notice
-            for notice in self._notices
+            for notice in self.notices
             if notice.number not in numbers or notice.alert
         ]
-
-    @property
-    def unseen(self) -> list[Notice]:
-        """Return the notices that are not marked as seen, newest first."""
-        return [notice for notice in reversed(self._notices) if not notice.seen]
 
     @property
     def shown(self) -> list[Notice]:
@@ -153,29 +150,30 @@ class AlertBook:
             group = 2 if not notice.lasts else 3 * notice.seen + (not notice.use_msr)
             return group, -notice.number
 
-        ended = [notice for notice in self._notices if not notice.lasts]
+        ended = [notice for notice in self.notices if not notice.lasts]
         if len(ended) > 1:
             karts = sorted({notice.kart for notice in ended if notice.kart})
             about = f'{len(ended)} alerts: {numbered(karts) or texts.NO_SINGLE_KART}'
             ended = [replace(ended[-1], said=about)]
-        lasting = [notice for notice in self._notices if notice.lasts]
+        lasting = [notice for notice in self.notices if notice.lasts]
         return sorted([*lasting, *ended], key=rank)
 
 
-def summary(notices: Sequence[Notice], places: int) -> str:
-    """Return how many notices there are, and the karts of the notices not shown in full."""
+def summary(notices: Sequence[Notice], places: int) -> Cell:
+    """Return how many notices there are, or the karts that need the MSR but find no place."""
     if not notices:
-        return '✓ No alerts'
+        return Cell('✓ No alerts', Tone.GOOD)
     new = sum(not notice.seen and notice.lasts for notice in notices)
     seen = sum(notice.seen for notice in notices)
+    tone, hidden = Tone.BAD if new else Tone.PLAIN, notices[places:]
+    if karts := sorted({each.kart for each in hidden if each.use_msr and each.kart}):
+        return Cell(f'⚠ MSR {", ".join(map(str, karts))}', tone)
     counted = (new, 'new'), (seen, 'seen, ongoing'), (len(notices) - new - seen, 'ended')
     parts = [f'{count} {which}' for count, which in counted if count]
-    # All karts that need the MSR are named elsewhere, in large type.
-    hidden = [each for each in notices[places:] if each.lasts and not each.use_msr]
-    if hidden:
-        karts = sorted({notice.kart for notice in hidden if notice.kart})
+    if any(each.lasts for each in hidden):
+        karts = sorted({each.kart for each in hidden if each.lasts and each.kart})
         parts.append(f'not shown: {numbered(karts) or texts.NO_SINGLE_KART}')
-    return '; '.join(parts)
+    return Cell('; '.join(parts), tone)
 
 
 class OfficialNames:

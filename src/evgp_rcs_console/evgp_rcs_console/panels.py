@@ -41,11 +41,9 @@ class StatePanel(Panel):
 
     def __init__(self) -> None:
         super().__init__('state_panel', '')
-        self._title = Text('state', 'huge bold')
+        self._title = fixed(Text('state', 'huge bold'), height=42)
         self._since = Text('state_since', wrap=True)
-        parts = [self._title], [self._since]
-        fixed(self._title, height=42)
-        lay(self, *parts, margins=(10, 2, 2, 4), heights=(0, 1))
+        lay(self, [self._title], [self._since], margins=(10, 2, 2, 4), heights=(0, 1))
 
     def show_screen(self, screen: Screen) -> None:
         self.setVisible(screen.danger is None)
@@ -59,18 +57,12 @@ class TrackPanel(Panel):
 
     def __init__(self) -> None:
         super().__init__('track_panel')
-        self._edge = Panel('', '')
-        fixed(self._edge, 8)
-        self._humans = Text('humans', 'large bold', BOTTOM)
+        self._edge = fixed(Panel('', ''), 8)
+        self._humans = fixed(Text('humans', 'large bold', BOTTOM), height=30)
         self._reason = Text('humans_reason', '', TOP, wrap=True)
-        self.button = CommandButton(tall=True)
-        fixed(self.button, 138)
-        fixed(self._humans, height=30)
-        grid = lay(self, gap=6, margins=(0, 5, 8, 5), columns=(0, 1, 0), heights=(0, 1))
-        grid.addWidget(self._edge, 0, 0, 2, 1)
-        grid.addWidget(self._humans, 0, 1)
-        grid.addWidget(self._reason, 1, 1)
-        grid.addWidget(self.button, 0, 2, 2, 1)
+        self.button = fixed(CommandButton(tall=True), 138)
+        rows = [(self._edge, each, self.button) for each in (self._humans, self._reason)]
+        lay(self, *rows, gap=6, margins=(0, 5, 8, 5), columns=(0, 1, 0), heights=(0, 1))
 
     def show_screen(self, screen: Screen) -> None:
         self.setVisible(screen.danger is None)
@@ -88,8 +80,8 @@ class ClockPanel(Panel):
         super().__init__('clock', '')
         self._now = Text('', 'large bold', RIGHT)
         self._race, self._heat = Text('', 'bold', RIGHT), Text('', 'faint', RIGHT)
-        parts = [self._now], [self._race], [self._heat]
-        lay(self, *parts, margins=(0, 4, 4, 3), heights=(34, 20, 18))
+        rows = [self._now], [self._race], [self._heat]
+        lay(self, *rows, margins=(0, 4, 4, 3), heights=(34, 20, 18))
 
     def show_screen(self, screen: Screen) -> None:
         self._race.show_text(f'GREEN for {screen.clock}' if screen.clock else '')
@@ -105,12 +97,10 @@ class KillBox(Panel):
     def __init__(self) -> None:
         super().__init__('kill_box', '')
         self.button = Push('all_kill', CATALOGUE[CommandKind.ALL_KILL].label)
-        self._hint = Text('kill_hint', 'bold', CENTER, True)
-        fixed(self._hint, height=40)
+        self._hint = fixed(Text('kill_hint', 'bold', CENTER, True), height=40)
         # The hint lies over the button, which still gets every click.
         self._hint.setAttribute(QtCore.Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        grid = lay(self, margins=(3, 3, 3, 3), heights=(1, 0))
-        grid.addWidget(self.button, 0, 0, 2, 1)
+        grid = lay(self, [self.button], [self.button], margins=(3, 3, 3, 3), heights=(1, 0))
         grid.addWidget(self._hint, 1, 0)
 
     def show_hint(self, hint: Cell, pressing: bool) -> None:
@@ -144,8 +134,7 @@ class Strip(Panel):
             part.setMinimumWidth(0)
             part.setSizePolicy(Policy.Fixed, Policy.Ignored)
         self._officials = Text('officials', 'faint', RIGHT, flows=True)
-        self.heat = CommandButton(kind='quiet')
-        fixed(self.heat, 128)
+        self.heat = fixed(CommandButton(kind='quiet'), 128)
         parts = self._tally, self._msr, self._reminder, self._rest, self._officials, self.heat
         lay(self, parts, gap=10, margins=(10, 1, 6, 1), columns=(0, 0, 0, 1, 0, 0))
 
@@ -170,14 +159,11 @@ class DangerPanel(Panel):
 
     def __init__(self) -> None:
         super().__init__('danger', '')
-        self._title = Text('danger_title', 'large bold')
+        self._title = fixed(Text('danger_title', 'large bold'), height=28)
         self._detail = Text('danger_detail', 'small', wrap=True)
         self._advice = Text('danger_advice', 'huge bold', CENTER, True)
-        fixed(self._title, height=28)
-        grid = lay(self, gap=2, margins=(10, 3, 10, 3), columns=(3, 2), heights=(0, 1))
-        grid.addWidget(self._title, 0, 0)
-        grid.addWidget(self._detail, 1, 0)
-        grid.addWidget(self._advice, 0, 1, 2, 1)
+        rows = (self._title, self._advice), (self._detail, self._advice)
+        lay(self, *rows, gap=2, margins=(10, 3, 10, 3), columns=(3, 2), heights=(0, 1))
 
     def show_screen(self, screen: Screen) -> None:
         danger = screen.danger
@@ -228,11 +214,9 @@ class EventPanel(Panel):
         self._list.setHorizontalScrollBarPolicy(QtCore.Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._list.setVerticalScrollMode(QtWidgets.QAbstractItemView.ScrollMode.ScrollPerPixel)
         # A button, because an open drop-down list takes every key and click, even those of stops.
-        self.filter = Push('filter', kind='quiet small')
-        fixed(self.filter, 150, 24)
-        title = Text('', 'small bold faint', text='Events')
-        grid = lay(self, (title, self.filter), margins=(10, 3, 3, 6), columns=(1, 0))
-        grid.addWidget(self._list, 1, 0, 1, 2)
+        self.filter = fixed(Push('filter', kind='quiet small'), 150, 24)
+        rows = (Text('', 'small bold faint', text='Events'), self.filter), (self._list,) * 2
+        lay(self, *rows, margins=(10, 3, 3, 6), columns=(1, 0))
         # The timer updates the list once for all events that have arrived together.
         self._later = QtCore.QTimer(self, singleShot=True)
         self._later.timeout.connect(self.restyle)
@@ -280,11 +264,9 @@ class Foot(QtWidgets.QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.status = Text('status', 'bold', wrap=True, fills=True)
-        self._battery = Text('battery', 'bold', CENTER, fills=True)
-        fixed(self._battery, 250)
+        self._battery = fixed(Text('battery', 'bold', CENTER, fills=True), 250)
         self._battery.hide()
-        self.official = Push('official', kind='quiet')
-        fixed(self.official, 272)
+        self.official = fixed(Push('official', kind='quiet'), 272)
         lay(self, (self.status, self._battery, self.official), gap=8, columns=(1, 0, 0))
 
     def show_battery(self, percent: int | None) -> None:

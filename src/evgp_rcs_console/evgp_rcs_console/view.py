@@ -22,7 +22,7 @@ from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality
-from evgp_rcs.rules.race import AlertKind, Availability, Event, EventKind, Heat
+from evgp_rcs.rules.race import AlertKind, Availability, Event, EventKind
 from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
 from evgp_rcs.words import (
     Cell,
@@ -106,7 +106,6 @@ class Button:
         the wording of the statement.
     :param enabled: whether a press has an effect other than showing the reason.
     :param reason: why the button is not enabled; empty if the button is enabled.
-    :param asks: whether an official must confirm the command.
     :param question: returns what the official confirms.
     :param also: the further commands that the button ``YES, and also`` confirms.
     :param phrase: a few words shown with the label. For a command to the race, they say when its
@@ -121,7 +120,6 @@ class Button:
     label: str
     enabled: bool
     reason: str
-    asks: bool
     question: Callable[[], Asked] = field(compare=False)
     also: tuple[Given, ...] = ()
     key: str = ''
@@ -147,6 +145,11 @@ class Button:
     @property
     def is_stop(self) -> bool:
         return CATALOGUE[self.command].stop
+
+    @property
+    def asks(self) -> bool:
+        """Return whether an official must confirm the command."""
+        return CATALOGUE[self.command].asks or (self.gives.stated and not self.is_stop)
 
     @property
     def is_instant(self) -> bool:
@@ -199,30 +202,24 @@ class Row:
     finish: Button
     letter: Button
 
-
-@dataclass(frozen=True)
-class Column:
-    """
-    A column of the list of karts, in the window and in the terminal.
-
-    :param width: width in pixels on a 1366 by 768 screen; 0 takes the remaining width.
-    :param below: returns the small text under the main text of the cell.
-    """
-
-    heading: str
-    width: int
-    cell: Callable[[Row], Cell]
-    below: Callable[[Row], Cell] = lambda row: Cell('')
+    @functools.cached_property
+    def cells(self) -> tuple[tuple[Cell, Cell], ...]:
+        """Return the text in each of the COLUMNS, with the small text under it."""
+        return (
+            (Cell(str(self.number)), Cell('')),
+            (Cell(self.team), self.note),
+            (self.sent, Cell(self.since)),
+            (self.answer, Cell(self.says, Tone.FAINT)),
+            (self.link, Cell(self.link_time)),
+            (Cell(self.place), Cell(self.gap)),
+        )
 
 
-COLUMNS = (
-    Column('Kart', 46, lambda row: Cell(str(row.number))),
-    Column('Team', 0, lambda row: Cell(row.team), lambda row: row.note),
-    Column('Sent, for', 150, lambda row: row.sent, lambda row: Cell(row.since)),
-    Column('Answer', 104, lambda row: row.answer, lambda row: Cell(row.says, Tone.FAINT)),
-    Column('Link', 78, lambda row: row.link, lambda row: Cell(row.link_time)),
-    Column('Place, lap', 56, lambda row: Cell(row.place), lambda row: Cell(row.gap)),
-)
+COLUMNS = {'Kart': 46, 'Team': 0, 'Sent, for': 150, 'Answer': 104, 'Link': 78, 'Place, lap': 56}
+"""
+The columns of the list of karts, in the window and in the terminal: heading, and width in pixels
+on a 1366 by 768 screen. A width of 0 takes the remaining width.
+"""
 
 
 @dataclass(frozen=True)
@@ -245,42 +242,25 @@ class Danger:
 @dataclass(frozen=True)
 class Screen:
     """
-    Everything that a screen shows about the race itself.
+    What a screen shows about the race itself. All of it follows from these fields.
 
-    :param now: the time on race control's clock, in seconds.
+    :param snapshot: the newest snapshot.
+    :param age: time since that snapshot arrived, in seconds.
+    :param pending: the commands that wait for their answers.
     :param danger: the warning to show in the largest type; None if there is none.
-    :param state: the state of the race, in the largest type; if no kart is being sent that state,
-        what the karts are doing instead.
-    :param clock: the time since GREEN GREEN; empty if the race is not in GREEN GREEN.
-    :param order: the starting order of the heat's karts, and the next single-kart heat.
-    :param msr: every kart that needs the MSR, or a note that the MSR is in use; otherwise empty.
-    :param reminder: the karts that are due to be sent FINISH, or a note that every kart should be
-        driving by now; otherwise empty.
-    :param rosters: the button that reads the roster file again, and the button that puts into
-        effect what was read.
-    :param places: the results of this race or the last one; without timing, the order of FINISH.
+    :param heard: the newest results, even if they are out of date; None if there never were any.
     """
 
     snapshot: Snapshot
-    now: float
-    danger: Danger | None
-    state: Cell
-    since: str
-    clock: str
-    order: str
-    msr: Cell
-    reminder: str
-    heat_button: Button
-    heats: tuple[Button, ...]
-    rosters: tuple[Button, ...]
-    places: str
-    timing: str
-    humans: Cell
-    humans_reason: str
-    race: tuple[Button, ...]
-    msr_button: Button
-    track_button: Button
-    rows: tuple[Row, ...]
+    age: float
+    pending: Pending
+    danger: Danger | None = None
+    heard: Standings | None = None
+
+    @property
+    def now(self) -> float:
+        """Return the time on race control's clock, in seconds."""
+        return self.snapshot.stamp + self.age
 
     @property
     def stale(self) -> bool:
@@ -288,7 +268,200 @@ class Screen:
 
     @property
     def teams(self) -> dict[int, str]:
-        return {row.number: row.team for row in self.rows}
+        return {kart.number: kart.team for kart in self.snapshot.karts}
+
+    # ----- the results --------------------------------------------------------------------
+
+    @functools.cached_property
+    def results(self) -> Standings | None:
+        """Return the newest results; None if they are out of date."""
+        return present(self.heard, self.now)
+
+    @functools.cached_property
+    def own_results(self) -> Standings | None:
+        """Return the newest results if they belong to the race in the snapshot."""
+        race, found = self.snapshot, self.results
+        own = found is not None and (found.run, found.race) == (race.run, race.number)
+        return found if own else None
+
+    @functools.cached_property
+    def shown_results(self) -> Standings | None:
+        """
+        Return the results to show: the newest ones or, once this race has begun, its own.
+
+        Return None if there are no such results, or if they contain no timed lap.
+        """
+        race = self.snapshot
+        has_begun = race.state is RaceState.GREEN_GREEN or any(kart.place for kart in race.karts)
+        shown = self.own_results if has_begun else self.results
+        is_timed = shown is not None and any(each.lap_times for each in shown.karts)
+        return shown if is_timed else None
+
+    @property
+    def timing(self) -> str:
+        """Return a note that there is no timing; empty if there is."""
+        needed = self.snapshot.state is RaceState.GREEN_GREEN
+        found = self.own_results if needed else self.results
+        return texts.NO_TIMING if found is None else ''
+
+    @property
+    def places(self) -> str:
+        """Return the results, first place first; without timing, the order of FINISH."""
+        shown = self.shown_results
+        if shown is not None:
+            name, placed = texts.RESULTS, [(each.place, each.kart) for each in shown.karts]
+        else:
+            name = texts.ORDER_OF_FINISH
+            placed = [(each.place, each.number) for each in self.snapshot.karts]
+        said = ', '.join(f'{place}. kart {kart}' for place, kart in sorted(placed) if place)
+        return f'{name}: {said}' if said else ''
+
+    @property
+    def order(self) -> str:
+        """Return the starting order of the heat's karts, and the next single-kart heat."""
+        return texts.order_of_start(self.snapshot, self.results)
+
+    # ----- the race -----------------------------------------------------------------------
+
+    @property
+    def state(self) -> Cell:
+        """
+        Return the state of the race, to show in the largest type.
+
+        If no kart is being sent that state, return what the karts are doing instead.
+        """
+        return headline(self.snapshot)
+
+    @property
+    def since(self) -> str:
+        """Return how long the race has been in its present state, since when, and why."""
+        race = self.snapshot
+        since = clock(self.now - race.state_since)
+        if race.state_cause:
+            since = f'{since} · {race.state_cause}'
+        if race.state is not None:
+            since = f'{since}, {time_of_day(race.state_since)}'
+        if self.state != STATE_CELLS[race.state]:
+            since = f'race in {STATES[race.state]} {since}'
+        return since
+
+    @property
+    def clock(self) -> str:
+        """Return the time since GREEN GREEN; empty if the race is not in GREEN GREEN."""
+        is_green = self.snapshot.state is RaceState.GREEN_GREEN and not self.stale
+        return clock(self.now - self.snapshot.state_since) if is_green else ''
+
+    @property
+    def msr(self) -> Cell:
+        """Return every kart that needs the MSR, or a note that the MSR is in use."""
+        race = self.snapshot
+        if race.msr_alerts:
+            karts = numbered(sorted({alert.kart for alert in race.msr_alerts if alert.kart}))
+            return Cell(f'USE THE MSR: {karts}' if karts else texts.USE_MSR, Tone.BAD)
+        if not race.track.msr_used:
+            return Cell('')
+        karts = texts.in_doubt(race)
+        used = f'MSR IN USE: nothing else can stop {karts}' if karts else 'MSR IN USE'
+        return Cell(used, Tone.WAIT)
+
+    @property
+    def reminder(self) -> str:
+        """
+        Return the karts that are due to be sent FINISH, or a note that each must drive by now.
+
+        Only an official can see whether a kart is driving (§3.A), so the note is shown for a while
+        whatever the karts report. A kart that has crossed the line needs no reminder.
+        """
+        race, own = self.snapshot, self.own_results
+        if self.danger is not None:
+            return ''
+        if done := [str(kart.number) for kart in race.karts if self.last_lap_is_done(kart)]:
+            return f'FINISH {", ".join(done)}: last lap done'
+        late = self.now - race.state_since - BEGINS_WITHIN
+        if race.state is not RaceState.GREEN_GREEN or late < 0.0:
+            return ''
+        sent = [kart for kart in race.karts if kart.in_race and kart.sent is RaceState.GREEN_GREEN]
+        if own is not None:
+            sent = [kart for kart in sent if not timed.has_crossed(own, kart.number)]
+        if late >= REMINDS_FOR and all(kart.acknowledged for kart in sent):
+            return ''
+        within = duration(BEGINS_WITHIN, 0)
+        return f'GREEN for over {within}: send RED FLAG if a kart is not driving yet' * bool(sent)
+
+    @property
+    def humans(self) -> Cell:
+        """Return whether humans are allowed on the track."""
+        return _humans(self.snapshot, self.danger)[0]
+
+    @property
+    def humans_reason(self) -> str:
+        return _humans(self.snapshot, self.danger)[1]
+
+    @functools.cached_property
+    def rows(self) -> tuple[Row, ...]:
+        return tuple(_row(self, kart, place) for place, kart in enumerate(self.snapshot.karts))
+
+    # ----- the buttons --------------------------------------------------------------------
+
+    @functools.cached_property
+    def race(self) -> tuple[Button, ...]:
+        """
+        Return the commands to the race, with at most one marked as the next step.
+
+        No command is marked while the MSR must be used, or while only the MSR can stop a kart.
+        """
+        race, steps = self.snapshot, [self.race_button(command) for command in RACE_COMMANDS]
+        racing = [kart for kart in race.karts if kart.in_race]
+        wanted = NEXT.get(race.state, ())
+        if race.state is RaceState.GREEN_GREEN and all(kart.place for kart in racing):
+            linked = [kart for kart in racing if kart.connected]
+            stopped = all(kart.sent.is_red and kart.acknowledged for kart in linked)
+            wanted = (CommandKind.RACE_OVER,) if stopped else ()
+        if race.msr_alerts or (race.track.msr_used and texts.in_doubt(race)):
+            wanted = ()
+        possible = [step.command for step in steps if step.enabled]
+        found = next((each for each in wanted if each in possible), None)
+        return tuple(replace(step, is_next=step.command is found) for step in steps)
+
+    @property
+    def msr_button(self) -> Button:
+        return self.race_button(CommandKind.RECORD_MSR)
+
+    @functools.cached_property
+    def track_button(self) -> Button:
+        button = self.race_button(_offered(CommandKind.OPEN_TRACK, self.snapshot, None))
+        return replace(button, phrase='to humans')
+
+    @property
+    def heat_button(self) -> Button:
+        """Return the button that opens the sheet of heats, which also reads the roster again."""
+        button = self.race_button(CommandKind.SET_HEAT)
+        if self.snapshot.heats:
+            return button
+        read = self.race_button(CommandKind.READ_ROSTER)
+        return replace(button, enabled=read.enabled, reason=read.reason)
+
+    @functools.cached_property
+    def heats(self) -> tuple[Button, ...]:
+        """Return the buttons that put a heat into the race. Typing a heat's number focuses it."""
+        race, button = self.snapshot, self.race_button(CommandKind.SET_HEAT)
+        following = texts.next_heat(race, self.results)
+        return tuple(
+            replace(
+                button,
+                gives=replace(button.gives, heat=heat.name, karts=heat.karts),
+                label=texts.heat(
+                    heat, self.results, heat == race.heat_in_race, heat.name == following
+                ),
+                key=str(number),
+            )
+            for number, heat in enumerate(race.heats, 1)
+        )
+
+    @property
+    def rosters(self) -> tuple[Button, ...]:
+        """Return the button that reads the roster file again, and the one that applies it."""
+        return self.race_button(CommandKind.READ_ROSTER), self.race_button(CommandKind.TAKE_ROSTER)
 
     def button(self, command: Kind, kart: int = 0) -> Button | None:
         buttons = [*self.race, self.msr_button, self.track_button, self.heat_button, *self.rosters]
@@ -301,6 +474,131 @@ class Screen:
 
     def letter(self, kart: int) -> Button | None:
         return next((row.letter for row in self.rows if row.number == kart), None)
+
+    def needs_msr(self, kart: KartSnapshot | None) -> bool:
+        return kart is not None and kart.number in {each.kart for each in self.snapshot.msr_alerts}
+
+    def _races(self, kart: KartSnapshot) -> bool:
+        is_on = self.snapshot.state is RaceState.GREEN_GREEN and kart.in_race
+        return is_on and not kart.place
+
+    def last_lap_is_done(self, kart: KartSnapshot) -> bool:
+        """Return whether a kart has driven all its laps, so that only FINISH is missing."""
+        own = self.own_results
+        if own is None or not own.laps or not self._races(kart) or kart.hold:
+            return False
+        return own.kart(kart.number) is not None and not own.laps_left(kart.number)
+
+    def letter_button(self, kart: KartSnapshot, key: str) -> Button:
+        """
+        Return what a kart's letter does: count a lap or, on the kart's last lap, send FINISH.
+
+        In a heat without timing, nobody knows whether this is the last lap, so the letter does
+        nothing.
+        """
+        timing, finish = self.own_results, self.kart_button(CommandKind.KART_FINISH, kart, key)
+        if not self._races(kart) or (timing is None and not self.snapshot.heat):
+            return finish
+        if timing is None or (timing.laps and timing.kart(kart.number) is None):
+            reason = finish.reason or texts.NO_TIMING_REASON
+            return replace(finish, enabled=False, reason=reason)
+        # In a race of one lap, the first crossing begins the lap.
+        begun, laps_left = timed.has_crossed(timing, kart.number), timing.laps_left(kart.number)
+        if timing.laps and (laps_left > 1 or not begun):
+            offered = Availability(CommandKind.KART_FINISH, True)
+            return self._button(Act.COUNT, kart, offered, key)
+        return finish
+
+    def race_button(self, command: CommandKind) -> Button:
+        offered = self.snapshot.offered(command)
+        button = self._button(command, None, offered, CATALOGUE[command].key)
+        phrase, current = self._phrase(button, offered)
+        return replace(button, phrase=phrase, current=current)
+
+    def _phrase(self, button: Button, offered: Availability) -> tuple[str, bool]:
+        """Return a command's phrase, and whether the race is in the state it leads to."""
+        race, command = self.snapshot, button.command
+        does, follows = CATALOGUE[command].does, CATALOGUE[command].follows
+        if not does:
+            return '', False
+        current = command in STEP_STATES and STEP_STATES[command] is race.state
+        current = current and (race.over or command is not CommandKind.RACE_OVER)
+        if not button.enabled and (self._barred or (command, 0) in self.pending):
+            return button.reason, current and not self._barred
+        if current and command is CommandKind.RACE_OVER:
+            return 'the race is over', True  # it may have been in that state before
+        if current:
+            return f'since {time_of_day(race.state_since)}', True
+        if button.enabled:
+            return does.format(karts=texts.count(offered.karts)), False
+        # In another state of the race, the short text says enough; who points at the button reads
+        # the whole reason. While a pause blocks the command, only the reason says how long.
+        fits = command in NEXT.get(race.state, ()) or offered.available_from is not None
+        return (not fits and follows) or button.reason, False
+
+    def kart_button(self, command: CommandKind, kart: KartSnapshot, key: str = '') -> Button:
+        return self._button(command, kart, kart.offered(command), key)
+
+    def _also(self, offered: Availability) -> tuple[Given, ...]:
+        """
+        Return the commands that an official can confirm together with IN GARAGE.
+
+        If the MSR was used, these commands release the karts that are still held after IN GARAGE,
+        by stating that they were made safe by hand. Otherwise, the only command opens the track.
+        """
+        track, opening = self.snapshot.track, self.snapshot.offered(CommandKind.OPEN_TRACK)
+        if not track.msr_used:
+            given = Given(CommandKind.OPEN_TRACK, stated=bool(opening.statement), at=0.0)
+            return (given,) if opening.available and not track.open else ()
+        return tuple(
+            Given(CommandKind.KART_IN_GARAGE, kart.number, stated=True, hold=kart.hold, at=0.0)
+            for kart in self.snapshot.karts
+            if kart.hold is not None and kart.number not in offered.karts
+        )
+
+    @property
+    def _barred(self) -> str:
+        return self.danger.barred if self.danger is not None else ''
+
+    def _button(
+        self,
+        command: Kind,
+        kart: KartSnapshot | None,
+        offered: Availability,
+        key: str,
+    ) -> Button:
+        entry = CATALOGUE[command]
+        waits = self.pending.get((command, kart.number if kart else 0))
+        reason = offered.reason
+        if reason and offered.available_from is not None:
+            left = texts.left(offered.available_from - self.now)
+            reason = f'possible again in {left} s: {reason}'
+        # A stop can always be pressed, even while one waits or race control is silent.
+        if not entry.stop and self._barred:
+            reason = self._barred
+        elif not entry.stop and waits is not None:
+            reason = f'no answer yet ({duration(waits)})'
+        gives = Given(
+            command,
+            kart.number if kart else 0,
+            stated=bool(offered.statement),
+            karts=offered.karts,
+            hold=kart.hold if kart and entry.names_hold else None,
+            number=self.snapshot.numbered(entry.names_number),
+            at=0.0,
+        )
+        return Button(
+            gives=gives,
+            label=entry.label,
+            enabled=entry.stop or (offered.available and not reason),
+            reason=reason,
+            question=functools.partial(
+                question, command, self.snapshot, offered, kart, self.results
+            ),
+            also=self._also(offered) if command is CommandKind.IN_GARAGE else (),
+            key=key,
+            recedes=command is CommandKind.KART_IN_GARAGE and self.needs_msr(kart),
+        )
 
 
 class Latest:
@@ -382,7 +680,7 @@ class Latest:
 
     def screen(self, at: float, pending: Pending) -> Screen:
         age = at - self.heard_at
-        return show(self.race or NOTHING, age, pending, self.danger(at), self.results)
+        return Screen(self.race or NOTHING, age, pending, self.danger(at), self.results)
 
 
 STEP_STATES = {kind: CATALOGUE[kind].result.race[0] for kind in RACE_COMMANDS}
@@ -400,117 +698,7 @@ def present(results: Standings | None, at: float) -> Standings | None:
     return results if is_new else None
 
 
-def show(
-    race: Snapshot,
-    age: float,
-    pending: Pending,
-    danger: Danger | None = None,
-    results: Standings | None = None,
-) -> Screen:
-    """
-    Return what a screen shows for a snapshot.
-
-    :param age: time since the snapshot arrived, in seconds.
-    """
-    barred, now = danger.barred if danger else '', race.stamp + age
-    is_green, stale = race.state is RaceState.GREEN_GREEN, danger is not None and danger.stale
-    timing = present(results, now)
-    own = timing is not None and (timing.run, timing.race) == (race.run, race.number)
-    buttons = _Buttons(race, pending, now, barred, timing, timing if own else None)
-    untimed = timing is None or (is_green and not own)
-    track_button = buttons.race(_offered(CommandKind.OPEN_TRACK, race, None))
-    humans, reason = _humans(race)
-    if danger is not None:
-        humans, reason = Cell('? KEEP OFF THE TRACK', Tone.BAD), danger.title
-    return Screen(
-        snapshot=race,
-        now=now,
-        danger=danger,
-        state=headline(race),
-        since=_since(race, now),
-        clock=clock(now - race.state_since) if is_green and not stale else '',
-        order=texts.order_of_start(race, timing),
-        msr=_msr(race),
-        reminder='' if danger is not None else _finish_now(buttons) or _reminder(buttons),
-        heat_button=buttons.heats(),
-        heats=tuple(buttons.heat(*each) for each in enumerate(race.heats, 1)),
-        rosters=(buttons.race(CommandKind.READ_ROSTER), buttons.race(CommandKind.TAKE_ROSTER)),
-        places=_places(buttons),
-        timing=texts.NO_TIMING if untimed else '',
-        humans=humans,
-        humans_reason=reason,
-        race=_steps(race, buttons),
-        msr_button=buttons.race(CommandKind.RECORD_MSR),
-        track_button=replace(track_button, phrase='to humans'),
-        rows=tuple(_row(kart, place, now, buttons) for place, kart in enumerate(race.karts)),
-    )
-
-
-def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
-    """
-    Return the commands to the race, with at most one marked as the next step.
-
-    No command is marked while the MSR must be used, or while only the MSR can stop a kart.
-    """
-    steps = [buttons.race(command) for command in RACE_COMMANDS]
-    racing = [kart for kart in race.karts if kart.in_race]
-    wanted = NEXT.get(race.state, ())
-    if race.state is RaceState.GREEN_GREEN and all(kart.place for kart in racing):
-        stopped = all(kart.sent.is_red and kart.acknowledged for kart in racing if kart.connected)
-        wanted = (CommandKind.RACE_OVER,) if stopped else ()
-    possible = [step.command for step in steps if step.enabled]
-    found = next((each for each in wanted if each in possible), None)
-    if race.msr_alerts or (race.track.msr_used and texts.in_doubt(race)):
-        found = None
-    return tuple(replace(step, is_next=step.command is found) for step in steps)
-
-
-def _since(race: Snapshot, now: float) -> str:
-    """Return how long the race has been in its present state, since when, and why."""
-    since = clock(now - race.state_since)
-    if race.state_cause:
-        since = f'{since} · {race.state_cause}'
-    if race.state is not None:
-        since = f'{since}, {time_of_day(race.state_since)}'
-    if headline(race) != STATE_CELLS[race.state]:
-        since = f'race in {STATES[race.state]} {since}'
-    return since
-
-
-def _reminder(buttons: _Buttons) -> str:
-    """
-    Return the reminder that every kart should be driving by now (§3.A); empty if not needed.
-
-    Only an official can see whether a kart is driving, so the reminder is shown for a while
-    whatever the karts report. A kart that has crossed the line needs no reminder.
-    """
-    race = buttons.snapshot
-    late = buttons.now - race.state_since - BEGINS_WITHIN
-    if race.state is not RaceState.GREEN_GREEN or late < 0.0:
-        return ''
-    sent = [kart for kart in race.karts if kart.in_race and kart.sent is RaceState.GREEN_GREEN]
-    timing = buttons.timing
-    if timing is not None:
-        sent = [kart for kart in sent if not timed.has_crossed(timing, kart.number)]
-    if late >= REMINDS_FOR and all(kart.acknowledged for kart in sent):
-        return ''
-    within = duration(BEGINS_WITHIN, 0)
-    return f'GREEN for over {within}: send RED FLAG if a kart is not driving yet' if sent else ''
-
-
-def _msr(race: Snapshot) -> Cell:
-    """Return every kart that needs the MSR, or a note that the MSR is in use."""
-    if race.msr_alerts:
-        karts = numbered(sorted({alert.kart for alert in race.msr_alerts if alert.kart}))
-        return Cell(f'USE THE MSR: {karts}' if karts else texts.USE_MSR, Tone.BAD)
-    if not race.track.msr_used:
-        return Cell('')
-    karts = texts.in_doubt(race)
-    used = f'MSR IN USE: nothing else can stop {karts}' if karts else 'MSR IN USE'
-    return Cell(used, Tone.WAIT)
-
-
-def _humans(race: Snapshot) -> tuple[Cell, str]:
+def _humans(race: Snapshot, danger: Danger | None) -> tuple[Cell, str]:
     """
     Return whether humans are allowed on the track, and why.
 
@@ -519,6 +707,8 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
     starts with the track marked as open. That mark alone does not prove that it was opened by an
     official.
     """
+    if danger is not None:
+        return Cell('? KEEP OFF THE TRACK', Tone.BAD), danger.title
     is_open = race.track.open
     against, under_way = texts.against_humans(race), texts.under_way(race)
     if against or under_way or not race.track.allowed:
@@ -555,31 +745,14 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
     ), f'nobody may go onto the track until you open it: {race.track.reason}'
 
 
-def _finish_now(buttons: _Buttons) -> str:
-    """Return a note that lists the karts whose letters send FINISH now."""
-    karts = buttons.snapshot.karts
-    done = [str(kart.number) for kart in karts if buttons.last_lap_is_done(kart)]
-    return f'FINISH {", ".join(done)}: last lap done' if done else ''
-
-
-def _places(buttons: _Buttons) -> str:
-    """Return the results, first place first; without timing, the order of FINISH."""
-    karts, shown = buttons.snapshot.karts, buttons.shown
-    name, placed = texts.ORDER_OF_FINISH, [(each.place, each.number) for each in karts]
-    if shown is not None:
-        name, placed = texts.RESULTS, [(each.place, each.kart) for each in shown.karts]
-    said = ', '.join(f'{place}. kart {kart}' for place, kart in sorted(placed) if place)
-    return f'{name}: {said}' if said else ''
-
-
 SAYS_NO_MORE = 5.0
 """How long a kart has to report again, in seconds, if its last report names the right state but
 answered an earlier order. After that time, the kart's row says what to do."""
 
 
-def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
-    race = buttons.snapshot
-    use_msr = buttons.needs_msr(kart)
+def _row(screen: Screen, kart: KartSnapshot, place: int) -> Row:
+    race, now, shown = screen.snapshot, screen.now, screen.shown_results
+    use_msr = screen.needs_msr(kart)
     notes = [texts.USE_MSR] if use_msr else []
     if kart.in_doubt and not kart.settles:
         notes.append(texts.MSR_STOPS_IT if race.track.msr_used else texts.MAY_MOVE)
@@ -592,7 +765,7 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
     if kart.flag_follows and kart.flag_at is not None:
         left = texts.left(kart.flag_at - now)
         notes.append(f'F{kart.place}, flag in {left} s')
-    done = buttons.last_lap_is_done(kart)
+    done = screen.last_lap_is_done(kart)
     if done:
         notes.append(texts.LAST_LAP_DONE)
     if kart.hold is not None:
@@ -606,9 +779,7 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
     if kart.may_be_moving or (kart.in_race and race.state is not RaceState.IN_GARAGE):
         missing = Tone.BAD
     key = FINISH_KEYS[place] if place < len(FINISH_KEYS) else ''
-    finish = buttons.kart(CommandKind.KART_FINISH, kart)
-    letter = buttons.letter(kart, key)
-    shown = {CommandKind.KART_FINISH: letter}
+    letter = screen.letter_button(kart, key)
     asks = kart.sent is not RaceState.IN_GARAGE
     answered = kart.acknowledged and not kart.in_doubt
     says, sent = '', STATE_CELLS[kart.sent]
@@ -630,14 +801,14 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
         answer=_answer(kart, now, missing),
         waits=kart.connected and asks and not answered,
         says=says,
-        place=buttons.place(kart),
-        gap='' if buttons.shown is None else buttons.shown.behind(kart.number),
+        place=timed.position(shown, kart.number) if shown else f'F{kart.place}' * bool(kart.place),
+        gap=shown.behind(kart.number) if shown else '',
         note=Cell(note, Tone.BAD if urgent and notes else Tone.WAIT if done else Tone.FAINT),
         buttons=tuple(
-            shown.get(command) or buttons.kart(command, kart)
+            letter if command is CommandKind.KART_FINISH else screen.kart_button(command, kart)
             for command in (_offered(each, race, kart) for each in KART_COMMANDS)
         ),
-        finish=finish,
+        finish=screen.kart_button(CommandKind.KART_FINISH, kart),
         letter=letter,
     )
 
@@ -685,180 +856,6 @@ def _offered(command: CommandKind, race: Snapshot, kart: KartSnapshot | None) ->
     return command
 
 
-@dataclass(frozen=True)
-class _Buttons:
-    """
-    Makes the buttons for one snapshot.
-
-    :param results: the newest results; None if they are out of date.
-    :param timing: these results if they belong to the race in the snapshot; otherwise None.
-    """
-
-    snapshot: Snapshot
-    pending: Pending
-    now: float
-    barred: str
-    results: Standings | None
-    timing: Standings | None
-
-    @property
-    def shown(self) -> Standings | None:
-        """
-        Return the results to show: the newest ones or, once this race has begun, its own.
-
-        Return None if there are no such results, or if they contain no timed lap.
-        """
-        race = self.snapshot
-        has_begun = race.state is RaceState.GREEN_GREEN or any(kart.place for kart in race.karts)
-        shown = self.timing if has_begun else self.results
-        is_timed = shown is not None and any(each.lap_times for each in shown.karts)
-        return shown if is_timed else None
-
-    def needs_msr(self, kart: KartSnapshot | None) -> bool:
-        return kart is not None and kart.number in {each.kart for each in self.snapshot.msr_alerts}
-
-    def place(self, kart: KartSnapshot) -> str:
-        """Return a kart's position and laps; without timing, its place in the order of FINISH."""
-        if self.shown is not None:
-            return timed.position(self.shown, kart.number)
-        return f'F{kart.place}' if kart.place else ''
-
-    def _races(self, kart: KartSnapshot) -> bool:
-        is_on = self.snapshot.state is RaceState.GREEN_GREEN and kart.in_race
-        return is_on and not kart.place
-
-    def last_lap_is_done(self, kart: KartSnapshot) -> bool:
-        """Return whether a kart has driven all its laps, so that only FINISH is missing."""
-        if self.timing is None or not self.timing.laps or not self._races(kart) or kart.hold:
-            return False
-        result = self.timing.kart(kart.number)
-        return result is not None and not self.timing.laps_left(kart.number)
-
-    def letter(self, kart: KartSnapshot, key: str) -> Button:
-        """
-        Return what a kart's letter does: count a lap or, on the kart's last lap, send FINISH.
-
-        In a heat without timing, nobody knows whether this is the last lap, so the letter does
-        nothing.
-        """
-        timing, finish = self.timing, self.kart(CommandKind.KART_FINISH, kart, key)
-        if not self._races(kart) or (timing is None and not self.snapshot.heat):
-            return finish
-        if timing is None or (timing.laps and timing.kart(kart.number) is None):
-            reason = finish.reason or texts.NO_TIMING_REASON
-            return replace(finish, enabled=False, reason=reason)
-        # In a race of one lap, the first crossing begins the lap.
-        begun, laps_left = timed.has_crossed(timing, kart.number), timing.laps_left(kart.number)
-        if timing.laps and (laps_left > 1 or not begun):
-            offered = Availability(CommandKind.KART_FINISH, True)
-            return self._button(Act.COUNT, kart, offered, key)
-        return finish
-
-    def race(self, command: CommandKind) -> Button:
-        offered = self.snapshot.offered(command)
-        button = self._button(command, None, offered, CATALOGUE[command].key)
-        phrase, current = self._phrase(button, offered)
-        return replace(button, phrase=phrase, current=current)
-
-    def _phrase(self, button: Button, offered: Availability) -> tuple[str, bool]:
-        """Return a command's phrase, and whether the race is in the state it leads to."""
-        race, command = self.snapshot, button.command
-        does, follows = CATALOGUE[command].does, CATALOGUE[command].follows
-        if not does:
-            return '', False
-        current = command in STEP_STATES and STEP_STATES[command] is race.state
-        current = current and (race.over or command is not CommandKind.RACE_OVER)
-        if not button.enabled and (self.barred or (command, 0) in self.pending):
-            return button.reason, current and not self.barred
-        if current and command is CommandKind.RACE_OVER:
-            return 'the race is over', True  # it may have been in that state before
-        if current:
-            return f'since {time_of_day(race.state_since)}', True
-        if button.enabled:
-            return does.format(karts=texts.count(offered.karts)), False
-        # In another state of the race, the short text says enough; who points at the button reads
-        # the whole reason. While a pause blocks the command, only the reason says how long.
-        fits = command in NEXT.get(race.state, ()) or offered.available_from is not None
-        return (not fits and follows) or button.reason, False
-
-    def kart(self, command: CommandKind, kart: KartSnapshot, key: str = '') -> Button:
-        return self._button(command, kart, kart.offered(command), key)
-
-    def heats(self) -> Button:
-        """Return the button that opens the sheet of heats, which also reads the roster again."""
-        button = self.race(CommandKind.SET_HEAT)
-        if self.snapshot.heats:
-            return button
-        read = self.race(CommandKind.READ_ROSTER)
-        return replace(button, enabled=read.enabled, reason=read.reason)
-
-    def heat(self, number: int, heat: Heat) -> Button:
-        """Return the button that puts a heat into the race. Typing its number focuses it."""
-        is_next = heat.name == texts.next_heat(self.snapshot, self.results)
-        label = texts.heat(heat, self.results, heat == self.snapshot.heat_in_race, is_next)
-        button = self.race(CommandKind.SET_HEAT)
-        gives = replace(button.gives, heat=heat.name, karts=heat.karts)
-        return replace(button, gives=gives, label=label, key=str(number))
-
-    def _also(self, offered: Availability) -> tuple[Given, ...]:
-        """
-        Return the commands that an official can confirm together with IN GARAGE.
-
-        If the MSR was used, these commands release the karts that are still held after IN GARAGE,
-        by stating that they were made safe by hand. Otherwise, the only command opens the track.
-        """
-        track, opening = self.snapshot.track, self.snapshot.offered(CommandKind.OPEN_TRACK)
-        if not track.msr_used:
-            given = Given(CommandKind.OPEN_TRACK, stated=bool(opening.statement), at=0.0)
-            return (given,) if opening.available and not track.open else ()
-        return tuple(
-            Given(CommandKind.KART_IN_GARAGE, kart.number, stated=True, hold=kart.hold, at=0.0)
-            for kart in self.snapshot.karts
-            if kart.hold is not None and kart.number not in offered.karts
-        )
-
-    def _button(
-        self,
-        command: Kind,
-        kart: KartSnapshot | None,
-        offered: Availability,
-        key: str,
-    ) -> Button:
-        entry = CATALOGUE[command]
-        waits = self.pending.get((command, kart.number if kart else 0))
-        reason = offered.reason
-        if reason and offered.available_from is not None:
-            left = texts.left(offered.available_from - self.now)
-            reason = f'possible again in {left} s: {reason}'
-        # A stop can always be pressed, even while one waits or race control is silent.
-        if not entry.stop and self.barred:
-            reason = self.barred
-        elif not entry.stop and waits is not None:
-            reason = f'no answer yet ({duration(waits)})'
-        gives = Given(
-            command,
-            kart.number if kart else 0,
-            stated=bool(offered.statement),
-            karts=offered.karts,
-            hold=kart.hold if kart and entry.names_hold else None,
-            number=self.snapshot.numbered(entry.names_number),
-            at=0.0,
-        )
-        return Button(
-            gives=gives,
-            label=entry.label,
-            enabled=entry.stop or (offered.available and not reason),
-            reason=reason,
-            asks=entry.asks or (bool(offered.statement) and not entry.stop),
-            question=functools.partial(
-                question, command, self.snapshot, offered, kart, self.results
-            ),
-            also=self._also(offered) if command is CommandKind.IN_GARAGE else (),
-            key=key,
-            recedes=command is CommandKind.KART_IN_GARAGE and self.needs_msr(kart),
-        )
-
-
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     """Return the rows of a table as lines of text, with aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -884,10 +881,11 @@ def table(screen: Screen) -> list[str]:
         screen.order,
         texts.can_stop(race),
     ]
-    columns = [[column.heading for column in COLUMNS]]
+    columns = [[*COLUMNS]]
     for row in screen.rows:
-        cells = [(column.cell(row).text, column.below(row).text) for column in COLUMNS]
-        columns.append([' '.join(filter(None, each)) for each in cells])
+        columns.append(
+            [' '.join(filter(None, (cell.text, below.text))) for cell, below in row.cells]
+        )
     lines = [*filter(None, found), '', *aligned(columns), '']
     lines += [_line(button) for button in screen.race]
     lines += [_line(screen.heat_button), *(f'  {button.label}' for button in screen.heats)]

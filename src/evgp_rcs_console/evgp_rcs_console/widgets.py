@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import functools
+import itertools
+from typing import TypeVar
 
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.words import Cell, STATE_CELLS, Tone
@@ -24,6 +26,8 @@ BOTTOM = _FLAGS.AlignLeft | _FLAGS.AlignBottom
 _WRAP = QtCore.Qt.TextFlag.TextWordWrap.value
 
 Policy = QtWidgets.QSizePolicy.Policy
+
+_Part = TypeVar('_Part', bound=QtWidgets.QWidget)
 
 
 @functools.lru_cache(maxsize=200)
@@ -104,7 +108,7 @@ def mark(widget: QtWidgets.QWidget, **marks: str) -> None:
 
 def lay(
     owner: QtWidgets.QWidget,
-    *rows: Sequence[QtWidgets.QWidget | None],
+    *rows: Sequence[QtWidgets.QWidget],
     gap: int = 0,
     margins: Sequence[int] = (0, 0, 0, 0),
     columns: Sequence[int] = (1,),
@@ -113,16 +117,19 @@ def lay(
     """
     Arrange parts in a grid; lengths are in pixels on a 1366 by 768 screen.
 
+    :param rows: the parts in each row, from the top. A part in several cells fills all of them.
     :param margins: left, top, right, bottom.
     :param columns: each column's share of the remaining width; 0: only the width it needs.
     :param heights: each row's share of the remaining height; 0: only the height it needs.
     """
     grid = QtWidgets.QGridLayout(owner)
     grid.setProperty('design', [gap, *margins])
-    for place, row in enumerate(rows):
-        for column, part in enumerate(row):
-            if part is not None:
-                grid.addWidget(part, place, column)
+    for part in dict.fromkeys(itertools.chain(*rows)):
+        cells = [
+            (y, x) for y, row in enumerate(rows) for x, each in enumerate(row) if each is part
+        ]
+        (top, left), (bottom, right) = cells[0], cells[-1]
+        grid.addWidget(part, top, left, bottom - top + 1, right - left + 1)
     for column, share in enumerate(columns):
         grid.setColumnStretch(column, share)
     for place, share in enumerate(heights):
@@ -130,8 +137,8 @@ def lay(
     return grid
 
 
-def fixed(part: QtWidgets.QWidget, width: int = 0, height: int = 0) -> None:
-    """Fix the size of a part, in pixels on a 1366 by 768 screen; 0 leaves that size free."""
+def fixed(part: _Part, width: int = 0, height: int = 0) -> _Part:
+    """Return a part whose size is fixed, in pixels on a 1366 by 768 screen; 0: as it needs."""
     part.setProperty('design', [width, height])
     policy = part.sizePolicy()
     if width:
@@ -139,6 +146,7 @@ def fixed(part: QtWidgets.QWidget, width: int = 0, height: int = 0) -> None:
     if height:
         policy.setVerticalPolicy(Policy.Fixed)
     part.setSizePolicy(policy)
+    return part
 
 
 def rescale(owner: QtWidgets.QWidget) -> None:
@@ -254,10 +262,9 @@ class Push(QtWidgets.QPushButton):
         if tall:
             name_, phrase = Text('', 'bold'), Text('', 'faint small', TOP, wrap=True)
             key_ = Text('', 'faint small', RIGHT, flows=True)
-            self._labels = name_, key_, phrase
-            fixed(name_, height=20)
-            grid = lay(self, (name_, key_), margins=(10, 5, 8, 3), columns=(1, 0), heights=(0, 1))
-            grid.addWidget(phrase, 1, 0, 1, 2)
+            self._labels = fixed(name_, height=20), key_, phrase
+            rows = (name_, key_), (phrase, phrase)
+            lay(self, *rows, margins=(10, 5, 8, 3), columns=(1, 0), heights=(0, 1))
             for label in self._labels:  # the button gets every click
                 label.setAttribute(QtCore.Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.show_words(text, key)

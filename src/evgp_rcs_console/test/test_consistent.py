@@ -19,7 +19,7 @@ from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import ALL_LOST, Cell, STATE_CELLS, STATES, tally, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.notices import AlertBook
-from evgp_rcs_console.view import Danger, Screen, show, table
+from evgp_rcs_console.view import Danger, Screen, table
 from example_race import EVERYTHING, KART, RACE, replace, warning
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -119,7 +119,7 @@ def humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against_it(
     race: Snapshot, _: Screen
 ) -> None:
     for shown in dangers(race):
-        screen = show(race, 0.0, {}, shown)
+        screen = Screen(race, 0.0, {}, shown)
 
         if screen.humans.text in ALLOWED or screen.humans.tone is Tone.GOOD:
             assert race.track.allowed
@@ -170,7 +170,7 @@ def all_karts_are_lost_only_if_none_is_connected(race: Snapshot, screen: Screen)
 
 
 def an_open_track_never_looks_like_a_closed_one(race: Snapshot, screen: Screen) -> None:
-    closed = show(replace(race, track=replace(race.track, open=False)), 0.0, {}).humans
+    closed = Screen(replace(race, track=replace(race.track, open=False)), 0.0, {}).humans
     if race.track.open:
         assert screen.humans.text != closed.text
         assert (screen.humans.tone is Tone.BAD) is (screen.humans.text == texts.CLEAR_TRACK)
@@ -202,7 +202,7 @@ def the_ordinary_way_out_of_the_grid_has_no_warning(race: Snapshot, _: Screen) -
         track=TrackAccess(False, False, 'the race is in GRID_ACTIVE', False),
     )
 
-    button = show(quiet, 0.0, {}).button(CommandKind.IN_GARAGE)
+    button = Screen(quiet, 0.0, {}).button(CommandKind.IN_GARAGE)
 
     assert button is not None
     assert button.question().condition
@@ -212,7 +212,7 @@ def the_ordinary_way_out_of_the_grid_has_no_warning(race: Snapshot, _: Screen) -
 def a_question_that_lets_humans_near_warns_of_what_the_screen_says(
     race: Snapshot, _: Screen
 ) -> None:
-    screen = show(replace(race, track=replace(race.track, open=False)), 0.0, {})
+    screen = Screen(replace(race, track=replace(race.track, open=False)), 0.0, {})
     by_msr = screen.humans == Cell(texts.TRACK_CLOSED_MSR, Tone.WAIT)
     for command in (CommandKind.IN_GARAGE, CommandKind.OPEN_TRACK):
         button = screen.button(command)
@@ -239,7 +239,7 @@ def a_kart_that_may_be_moving_is_not_shown_as_stopped(race: Snapshot, screen: Sc
 
 def the_terminal_says_what_the_window_says(race: Snapshot, _: Screen) -> None:
     for shown in dangers(race):
-        screen = show(race, 0.0, {}, shown)
+        screen = Screen(race, 0.0, {}, shown)
 
         lines = '\n'.join(table(screen))
 
@@ -265,6 +265,6 @@ SENTENCES = (
 @settings(max_examples=300)
 @given(races())
 def test_no_two_statements_of_one_screen_contradict_each_other(race: Snapshot) -> None:
-    screen = show(race, 0.0, {})
+    screen = Screen(race, 0.0, {})
     for holds in SENTENCES:  # drawing a race takes longer than checking its screen
         holds(race, screen)

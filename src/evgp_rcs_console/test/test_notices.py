@@ -13,7 +13,7 @@ from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console import texts
 from evgp_rcs_console.client import spoken
-from evgp_rcs_console.notices import AlertBook, EventLog, OfficialNames, summary
+from evgp_rcs_console.notices import AlertBook, EventLog, Notice, OfficialNames, summary
 from evgp_rcs_msgs import msg
 from example_race import KART, offers, RACE, replace
 from recorded_races import PaperRace
@@ -25,18 +25,23 @@ def alert(kart: int) -> Alert:
     return Alert(AlertKind.KART_LOST, kart, 0.0, f'Kart {kart} lost its connection', False)
 
 
+def unseen(book: AlertBook) -> list[Notice]:
+    """Return the notices that are not seen yet, newest first."""
+    return [notice for notice in reversed(book.notices) if not notice.seen]
+
+
 def sentences(book: AlertBook) -> list[str]:
     """Return the texts of the notices that are not seen yet."""
-    return [notice.text for notice in book.unseen]
+    return [notice.text for notice in unseen(book)]
 
 
 def see_all(book: AlertBook) -> None:
-    book.see([notice.number for notice in book.unseen])
+    book.see([notice.number for notice in unseen(book)])
 
 
 def told(book: AlertBook) -> list[str]:
     """Return the notices that are not seen yet, with their headings."""
-    return [str(notice) for notice in book.unseen]
+    return [str(notice) for notice in unseen(book)]
 
 
 def msr_alert(kart: int) -> Alert:
@@ -63,7 +68,7 @@ def test_an_alert_that_has_ended_stays_until_it_is_seen_and_does_not_say_to_use_
     book.update([])
 
     assert told(book) == ['ENDED: Kart 3 had not acknowledged RED RED']
-    assert 'MSR' not in summary(book.shown, 0)
+    assert 'MSR' not in summary(book.shown, 0).text
     see_all(book)
     assert book.shown == []
 
@@ -87,12 +92,12 @@ def test_an_alert_that_was_seen_while_the_msr_was_on_is_new_when_it_asks_for_it_
     book.update([replace(msr_alert(3), use_msr=False)])
     assert [notice.heading for notice in book.shown] == [texts.ALERT_OTHER]
     see_all(book)
-    assert not book.unseen
+    assert not unseen(book)
 
     assert book.update([msr_alert(3)])
 
     assert [notice.use_msr for notice in book.shown] == [True]
-    assert len(book.unseen) == 1
+    assert len(unseen(book)) == 1
 
 
 def test_what_is_unseen_and_needs_the_msr_stands_first_and_what_is_seen_last() -> None:
@@ -105,14 +110,13 @@ def test_what_is_unseen_and_needs_the_msr_stands_first_and_what_is_seen_last() -
     assert [notice.kart for notice in book.shown] == [4, 5, 3, 1, 2]
 
 
-def test_alerts_that_find_no_place_are_told_with_their_karts() -> None:
+def test_alerts_that_find_no_place_are_told_with_their_karts_and_first_those_of_the_msr() -> None:
     book = AlertBook()
     book.update([alert(9), *(msr_alert(kart) for kart in (8, 3, 5, 4))])
 
-    text = summary(book.shown, 2)
+    said = [summary(book.shown, places).text for places in (2, 4, 5)]
 
-    # Those that need the MSR are all named in large type (`Screen.msr`).
-    assert text == '5 new; not shown: kart 9'
+    assert said == ['⚠ MSR 4, 5', '5 new; not shown: kart 9', '5 new']
 
 
 def test_alerts_stand_newest_first() -> None:
@@ -126,7 +130,7 @@ def test_alerts_stand_newest_first() -> None:
     together = AlertBook()
     together.update([alert(2), alert(1)])
     for each in (book, together):
-        assert [notice.kart for notice in each.unseen] == [2, 1]
+        assert [notice.kart for notice in unseen(each)] == [2, 1]
 
 
 def test_an_alert_that_is_seen_and_stands_is_not_forgotten() -> None:
@@ -160,7 +164,7 @@ def test_an_alert_that_comes_again_before_it_was_seen_stands_beside_the_old_one(
 
     book.update([alert(1)])
 
-    assert [notice.lasts for notice in book.unseen] == [True, False]
+    assert [notice.lasts for notice in unseen(book)] == [True, False]
 
 
 def test_two_race_controls_that_speak_in_turn_do_not_pile_up_alerts() -> None:
@@ -169,7 +173,7 @@ def test_two_race_controls_that_speak_in_turn_do_not_pile_up_alerts() -> None:
     news = [book.update([alert(1 + turn % 2)], two=True) for turn in range(10)]
 
     assert news == [True, True] + 8 * [False]
-    assert len(book.unseen) == 2
+    assert len(unseen(book)) == 2
 
 
 def test_a_new_text_of_an_alert_is_shown() -> None:
