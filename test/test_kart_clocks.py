@@ -116,8 +116,7 @@ class Kart:
         for _ in range(ATTEMPTS):
             self.control.say(RaceState.IN_GARAGE)
             self.onlooker.wait_for_state(RaceState.IN_GARAGE)
-            self.control.say(GRID_ACTIVE)
-            self.control.wait_until_it_says(GRID_ACTIVE)
+            self.control.exchange(GRID_ACTIVE)
             self.control.say(GREEN_GREEN)
             with self.onlooker.news:
                 if self.onlooker.news.wait_for(lambda: (self.onlooker.speed or 0.0) >= 2.0, 5.0):

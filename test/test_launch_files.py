@@ -268,8 +268,7 @@ def test_one_launch_file_starts_the_bridge_and_the_stack(
         domain_id=domain,
     )
     launched.wait_for_start(2)
-    race.say(RaceState.GRID_ACTIVE)
-    race.wait_until_it_says(RaceState.GRID_ACTIVE)  # the stack has acknowledged
+    race.exchange(RaceState.GRID_ACTIVE)  # the stack has acknowledged
     assert launched.end() == 0, launched.output
 
 

@@ -75,16 +75,14 @@ class Kart:
 
     def stop_once(self) -> None:
         """Start the kart, and stop it at some moment: standing still, as it starts, or racing."""
-        self._race.say(RaceState.GRID_ACTIVE)
-        self._race.wait_until_it_says(RaceState.GRID_ACTIVE)
+        self._race.exchange(RaceState.GRID_ACTIVE)
         self._race.say(RaceState.GREEN_GREEN)
         # The moment is what is tried; half of them fall into a dead time or soon after it.
         longest = self._dice.choice([0.4, 0.8])
         time.sleep(self._dice.uniform(0.05, longest))
         stop = self._dice.choice([RaceState.RED_RED, RaceState.RED_FLAG])
         self.moved += self.base.speed_to_come > 0.0
-        self._race.say(stop)
-        self._race.wait_until_it_says(stop)
+        self._race.exchange(stop)
         self.stops += 1
 
     def _hear(self, state: RaceState) -> None:
@@ -171,11 +169,9 @@ def test_the_stack_on_the_first_page_acknowledges_all_that_a_kart_at_rest_has_do
     parts.enter_context(Bridge(domain, race.port, address_of(1), None, 'kart_bridge_node'))
     parts.enter_context(Program('my_stack', [sys.executable, str(program)], domain))
     for state in (RaceState.GRID_ACTIVE, RaceState.RED_FLAG, RaceState.GRID_ACTIVE):
-        race.say(state)
-        race.wait_until_it_says(state)
+        race.exchange(state)
     race.say(RaceState.GREEN_GREEN)
-    race.say(RaceState.RED_RED)
-    race.wait_until_it_says(RaceState.RED_RED)
+    race.exchange(RaceState.RED_RED)
     assert RaceState.GREEN_GREEN not in heard
 
 

@@ -88,8 +88,7 @@ def test_the_judge_sees_what_a_plain_kart_is_sent_and_says() -> None:
             '127.0.1.1', control.port, Acknowledges.EACH_CHANGE, judge=judge, kart=1
         ) as kart:
             kart.wait_for_state(RaceState.IN_GARAGE)
-            control.say(RaceState.GREEN_GREEN)  # without GRID_ACTIVE
-            control.wait_until_it_says(RaceState.GREEN_GREEN)
+            control.exchange(RaceState.GREEN_GREEN)  # without GRID_ACTIVE
         judge.finish()
     assert {each.rule for each in judge.violations} == {'unexplained GREEN_GREEN'}
     assert {judge.judged[kind] for kind in ('opened', 'closed')} == {1}

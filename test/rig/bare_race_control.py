@@ -91,6 +91,11 @@ class BareRaceControl(Part):
             self._news.wait_for(lambda: self.said is state, PATIENCE)
             assert self.said is state, f'the kart said {self.said}'
 
+    def exchange(self, *states: RaceState) -> None:
+        """Send these states at once, and return once the kart has said the last of them."""
+        self.say(*states)
+        self.wait_until_it_says(states[-1])
+
     def wait_for_connections(self, count: int) -> None:
         """
         Return once so many connections have been made in all.
