@@ -245,8 +245,9 @@ def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
             'The command is for kart 1 (Team 1), kart 2 (Team 2)',
         ),
         ("--official 'Anna M' grid-active --track-is-clear", USAGE, f"{TYPE} --official 'Anna M'"),
-        # The last one, since every stop begins a pause; and it is not repeated for ever.
+        # The last ones, since every stop begins a pause; and they are not repeated for ever.
         ('kart-red-red 99', REFUSED, '99'),
+        ('kart-red-red 0', REFUSED, 'no kart 0'),
     ):
         told = lines.run(*shlex.split(line))
         assert told.code == code, line

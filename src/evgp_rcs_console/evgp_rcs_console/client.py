@@ -340,7 +340,11 @@ class Client:
             else:
                 # By the rules, race control refuses a stop only for a kart that is not in its
                 # roster. After any other failure, the stop is not in force and is sent again.
-                unknown = self._karts is not None and given.kart not in {0, *self._karts}
+                unknown = (
+                    self._karts is not None
+                    and CATALOGUE[given.command].to_one_kart
+                    and given.kart not in self._karts
+                )
                 ended = self._standing.refused(given, answer.message, final=unknown)
             if ended:
                 self._listener.on_pressing(self._standing.pressed)
