@@ -18,7 +18,7 @@ from typing import Any
 
 from evgp_protocol import clock
 from evgp_protocol.frames import encode
-from evgp_protocol.link import Grade
+from evgp_protocol.link import Grade, unread
 from evgp_protocol.loop import run as run_loop
 from evgp_protocol.states import RaceState
 from evgp_rcs.karts import server as kart_server
@@ -88,13 +88,7 @@ class Running:
         numbers = range(1, karts + 1)
         entered = [Kart(each, '', each <= 2, address=address_of(each)) for each in numbers]
         self.race = Race(entered, times)
-        outside: Any = self
-        self.server = KartServer(
-            self.race,
-            ServerSettings(host='127.0.0.1', port=0, beat_rate=beat_rate),
-            outside,
-            outside,
-        )
+        self._settings = ServerSettings(host='127.0.0.1', port=0, beat_rate=beat_rate)
         self._listening: concurrent.futures.Future[tuple[str, int]] = concurrent.futures.Future()
         self._connected = contextlib.ExitStack()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -164,6 +158,8 @@ class Running:
 
     async def _serve(self) -> None:
         self._loop = asyncio.get_running_loop()
+        outside: Any = self
+        self.server = KartServer(self.race, self._settings, outside, outside)
         await self.server.serve(self._listening.set_result)
 
     def say(self, message: object) -> None:
@@ -554,7 +550,7 @@ def test_only_a_stop_that_the_karts_kernel_has_answered_to_its_end_has_arrived(
     def say_just_before_the_answer() -> None:
         # In the server's own thread: this lies unread when race control looks once more.
         client.sendall(encode(RED_RED) + b'.')
-        while not link._unread():
+        while not unread(link._socket):
             pass
         link._look(running.server.now())
         monkeypatch.undo()

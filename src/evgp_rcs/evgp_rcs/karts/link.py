@@ -57,8 +57,8 @@ class KartLink(asyncio.BufferedProtocol):
         self._send_timeout = send_timeout
         self._buffer = bytearray(FLOOD_BYTES)
         self._hearing = Hearing(beat_rate)
-        self._transport: asyncio.Transport | None = None
-        self._socket: socket.socket | None = None
+        self._transport: asyncio.Transport
+        self._socket: socket.socket
         self._frame = b''
         self._answers = Answers()
         self._meter = LinkMeter(owner.now())
@@ -91,7 +91,7 @@ class KartLink(asyncio.BufferedProtocol):
         counts_in = self._hearing.counts_in()
         for heard, serial in decoded:
             self._owner.link_heard(self, heard, serial, counts_in)
-        if self._hearing.is_full and self._transport is not None:
+        if self._hearing.is_full:
             self._transport.pause_reading()
 
     def eof_received(self) -> bool:
@@ -106,14 +106,12 @@ class KartLink(asyncio.BufferedProtocol):
             self.reason = 'its network link stopped answering' if no_answer else in_words(exc)
             # A ConnectionError is an answer from the kart's system, even if its program is gone.
             self.silent = not isinstance(exc, ConnectionError)
-        self._transport = None
         self._owner.link_lost(self)
 
     # ----- the owner's side ---------------------------------------------------------------
 
     def set_up(self) -> None:
         """Make the socket send without delay."""
-        assert self._socket is not None
         make_prompt(self._socket)
 
     def order(self, state: RaceState, serial: int) -> None:
@@ -126,7 +124,7 @@ class KartLink(asyncio.BufferedProtocol):
         self._frame = FRAMES[state]
         self._ordered = serial
         end = self._answers.written + len(self._frame)
-        self._hearing.order(serial, state, end, self._unread())
+        self._hearing.order(serial, state, end, unread(self._socket))
         self._write(self._owner.now())
 
     def beat(self) -> None:
@@ -141,8 +139,6 @@ class KartLink(asyncio.BufferedProtocol):
         floods = self._hearing.beat(now)
         for heard, serial in self._hearing.settled():
             self._owner.link_heard(self, heard, serial, 0.0)
-        if self._transport is None:
-            return
         self._look(now)
         age = self._answers.age(now)
         if age >= self._send_timeout:
@@ -170,30 +166,24 @@ class KartLink(asyncio.BufferedProtocol):
     def drop(self, reason: str) -> None:
         """Close the connection now, for this reason, and discard what is waiting to be written."""
         self.reason = reason
-        if self._transport is not None:
-            self._transport.abort()
+        self._transport.abort()
 
     def farewell(self) -> None:
         """Send RED_RED and close the connection, because race control is shutting down."""
         self.reason = 'race control ended'
-        if self._transport is not None:
-            self._transport.write(FRAMES[RaceState.RED_RED])
-            self._transport.close()
+        self._transport.write(FRAMES[RaceState.RED_RED])
+        self._transport.close()
 
     def _write(self, now: float) -> None:
-        if self._transport is None:
-            return
         self._answers.wrote(len(self._frame), now)
         self._transport.write(self._frame)
 
     def _look(self, now: float) -> None:
         """Record what the kart's TCP has answered."""
-        if self._transport is None or self._socket is None:
-            return
         waits = self._hearing.waits
         # Count the bytes before asking what is answered. Bytes that arrived while an order was
         # unanswered cannot answer it.
-        arrived = self._unread() if waits else 0
+        arrived = unread(self._socket) if waits else 0
         rest = self._transport.get_write_buffer_size() + unanswered(self._socket)
         if waits or self._answers.age(now) >= GRADES[Grade.FAIR]:
             # The answer arrived before this look, and long before it if race control has stalled.
@@ -207,7 +197,6 @@ class KartLink(asyncio.BufferedProtocol):
                 self._delivered = self._ordered, now
 
     def _measure(self, age: float, now: float) -> None:
-        assert self._socket is not None
         measured = self._meter.measure(age, read(self._socket), now, self._hearing.behind)
         self._owner.link_measured(self, measured)
 
@@ -215,12 +204,4 @@ class KartLink(asyncio.BufferedProtocol):
         """Return the number of bytes that may not have left yet."""
         if self._answers.answered == self._answers.written:
             return 0
-        if self._transport is None or self._socket is None:
-            return 0
         return self._transport.get_write_buffer_size() + unsent(self._socket)
-
-    def _unread(self) -> int:
-        """Return the number of bytes that have arrived but have not been read yet."""
-        if self._socket is None or self._transport is None:
-            return 0
-        return unread(self._socket)

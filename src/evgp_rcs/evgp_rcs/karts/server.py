@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 import itertools
 import socket
@@ -166,7 +166,7 @@ class _Allowance:
 
 class KartServer:
     """
-    The race and the karts' sockets, in one asyncio loop.
+    The race and the karts' sockets, in the loop that runs when it is created.
 
     :param race: the race. Once ``serve`` is called, only this server may use it.
     :param settings: how to listen and send.
@@ -211,8 +211,8 @@ class KartServer:
         self._shown_at = 0.0
         self._showing = False
         self._shown_pause = 0.0
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._closing: asyncio.Event | None = None
+        self._loop = asyncio.get_running_loop()
+        self._closing = asyncio.Event()
         self._failure: BaseException | None = None
 
     # ----- for its owner, in the thread of its loop ---------------------------------------
@@ -227,8 +227,7 @@ class KartServer:
         :raises BaseException: the failure that ended the server, after every kart has been sent
             RED_RED.
         """
-        self._loop = loop = asyncio.get_running_loop()
-        self._closing = asyncio.Event()
+        loop = self._loop
         loop.set_exception_handler(self._fail)
         try:
             server = await loop.create_server(
@@ -261,7 +260,7 @@ class KartServer:
             server.close()
             for link in list(self._links.values()):
                 link.farewell()
-            self._publish(_ended(self._failure))
+            self._publish(_ended(self._failure), at=self.now())
             self._refuse_the_rest()
             # The next run must also find the changes since the last snapshot.
             self._remember()
@@ -300,12 +299,10 @@ class KartServer:
         """
         if self._failure is None:
             self._failure = failure
-        if self._closing is not None:
-            self._closing.set()
+        self._closing.set()
 
     def now(self) -> float:
         """Return the time, in seconds by the rules' clock."""
-        assert self._loop is not None, 'there is no time before serve'
         return self._loop.time()
 
     # ----- the loop -----------------------------------------------------------------------
@@ -315,9 +312,10 @@ class KartServer:
         error = context.get('exception')
         if isinstance(error, OSError) and str(context.get('message')).startswith('socket.accept'):
             # No file descriptor is left. The race continues, and asyncio tries again in a second.
-            if self._refusals.take(self.now()):
+            now = self.now()
+            if self._refusals.take(now):
                 text = f'Race control cannot accept another connection now: {in_words(error)}'
-                self._publish(Event(EventKind.REFUSED_CONNECTION, text, success=False))
+                self._publish(Event(EventKind.REFUSED_CONNECTION, text, success=False), at=now)
             return
         self.end(
             error
@@ -335,8 +333,6 @@ class KartServer:
         self._withdraw_start()
 
     def _beat(self, due: float) -> None:
-        assert self._loop is not None
-        assert self._closing is not None
         if self._closing.is_set():
             return
         self.take_commands()
@@ -382,10 +378,10 @@ class KartServer:
             waiting = (self._stops or self._commands).popleft()
             if waiting.is_late(now):
                 continue
-            if CATALOGUE[waiting.command.kind].loosens and self._is_ending():
-                waiting.answered(_ENDING)
-                continue
             if CATALOGUE[waiting.command.kind].loosens:
+                if self._closing.is_set():
+                    waiting.answered(_ENDING)
+                    continue
                 # A race must not start without a record, so check whether the record works now.
                 self._note_record_trouble(now)
             self._take(inputs.Commanded(now, waiting.command, waiting.came), waiting)
@@ -412,12 +408,9 @@ class KartServer:
         else:
             raise TypeError(f'the ROS half sent {message!r}')
 
-    def _is_ending(self) -> bool:
-        return self._closing is not None and self._closing.is_set()
-
     def _journal(self, number: int, written: bool) -> None:
         """Tell the rules whether the data that a start waits for has been saved to disk."""
-        if self._is_ending():
+        if self._closing.is_set():
             return  # _refuse_the_rest answers the start
         self.take_commands()
         now = self.now()
@@ -490,21 +483,14 @@ class KartServer:
             each for each in events if not each.chatter or self._reports[each.kart].take(at)
         ]
         if published:
-            self._gather(self._stamped(published, at))
+            self._publish(*published, at=at)
 
-    def _publish(self, event: Event) -> None:
-        """Publish an event that the rules did not cause."""
-        self._gather(self._stamped([event], self.now()))
-
-    def _stamped(self, events: Iterable[Event], at: float) -> list[StampedEvent]:
+    def _publish(self, *events: Event, at: float) -> None:
+        """Stamp events with this time, and gather them, so that they are forwarded together."""
         wall = time.time_ns() - round((self.now() - at) * 1e9)
-        return [StampedEvent(next(self._sequence), wall, at, event) for event in events]
-
-    def _gather(self, stamped: list[StampedEvent]) -> None:
-        """Gather events, so that the server can forward them together."""
+        stamped = [StampedEvent(next(self._sequence), wall, at, event) for event in events]
         self._log.add(*stamped)
         if not self._gathered:
-            assert self._loop is not None
             self._loop.call_later(GATHER, self._flush)
         self._gathered += stamped
         if len(self._gathered) >= MOST_GATHERED:
@@ -524,14 +510,12 @@ class KartServer:
 
     def _ask_to_show(self) -> None:
         if not self._showing:
-            assert self._loop is not None
             self._showing = True
             delay = self._shown_at + self._settings.snapshot_interval - self.now()
             self._loop.call_later(max(delay, SHOW_AFTER), self._show)
 
     def _show(self) -> None:
         """Send a snapshot, unless earlier messages are still waiting for the ROS half."""
-        assert self._loop is not None
         self.take_commands()
         self._showing = False
         now = self._shown_at = self.now()
@@ -568,9 +552,9 @@ class KartServer:
                     f'A connection from {address} was refused: no kart in the roster has that '
                     f'address{self._refusals.mention()}'
                 )
-                self._publish(Event(EventKind.REFUSED_CONNECTION, text, success=False))
+                self._publish(Event(EventKind.REFUSED_CONNECTION, text, success=False), at=now)
             return
-        if self._is_ending():
+        if self._closing.is_set():
             link.farewell()
             return
         if not self._connections[number].take(now):
@@ -582,7 +566,7 @@ class KartServer:
                     f'often{allowance.mention()}'
                 )
                 event = Event(EventKind.REFUSED_CONNECTION, text, kart=number, success=False)
-                self._publish(event)
+                self._publish(event, at=now)
             return
         old = self._links.pop(number, None)
         # It is not a takeover if the kart lost its link and connects again before race control
@@ -621,7 +605,8 @@ class KartServer:
             if allowance.take(now):
                 kart = self._race.karts[link.number]
                 text = f'From {kart}: {heard.reason}: {heard.raw!r}{allowance.mention()}'
-                self._publish(Event(EventKind.MALFORMED, text, kart=link.number, success=False))
+                event = Event(EventKind.MALFORMED, text, kart=link.number, success=False)
+                self._publish(event, at=now)
             return
         self._take(inputs.Heard(now, link.number, serial, heard.state, counts_in))
 
