@@ -159,8 +159,8 @@ def test_a_mark_that_cannot_be_written_is_trouble_and_a_start_is_told(
     mark.mkdir()
     record = RecordProcess(path, mark)
     record._socket.setblocking(False)
-    assert record.last_run is LastRun.UNKNOWN
-    assert str(mark) in record.why
+    assert record.opened.last_run is LastRun.UNKNOWN
+    assert str(mark) in record.opened.why
     assert str(mark) in record.trouble()
     told: list[bool] = []
     record.make_sure(RACING, PATIENCE, told.append)
@@ -171,7 +171,7 @@ def test_a_mark_that_cannot_be_written_is_trouble_and_a_start_is_told(
     assert mark.read_text().strip() == RUN_BEGAN
     record.end(PATIENCE, LastRun.ENDED)
     again = RecordProcess(path, mark)
-    assert again.last_run is LastRun.ENDED
+    assert again.opened.last_run is LastRun.ENDED
     again.end(PATIENCE, LastRun.ENDED)
 
 

@@ -223,7 +223,7 @@ class Written(NamedTuple):
     """
     What the record has written.
 
-    :param batches: number of batches on the disk so far.
+    :param batches: number of batches that have reached the disk since the last such message.
     :param error: why the record is failing, as a phrase. Empty if it works.
     :param confirmed: numbers (`Remember.confirm`) of the memories that are now on the disk or, if
         there is an error, of those that could not be written.

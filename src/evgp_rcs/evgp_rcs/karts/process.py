@@ -73,9 +73,9 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
         record,
         Recovered(
             loop.time(),
-            record.left_behind,
-            LastRun.UNKNOWN if begin.cannot_know else record.last_run,
-            begin.cannot_know or record.why,
+            record.opened.left_behind,
+            LastRun.UNKNOWN if begin.cannot_know else record.opened.last_run,
+            begin.cannot_know or record.opened.why,
         ),
     )
     priority.come_first()
@@ -124,7 +124,7 @@ def main(arguments: list[str] | None = None) -> int:
             ends_as = run(serve(begin, ros_half, record))
         except KartServerError as error:
             # This run has sent nothing to any kart, so it leaves behind what the last run left.
-            record.end(LAST_WORDS_TIMEOUT, record.last_run)
+            record.end(LAST_WORDS_TIMEOUT, record.opened.last_run)
             ros_half.send_the_rest(Refused(str(error)), timeout=LAST_WORDS_TIMEOUT)
             return 2
         except BaseException as error:

@@ -77,6 +77,7 @@ class RecordProcess:
     :param path: the file of the record.
     :param mark: the file of the mark (see ``run_mark.place``).
     :param run: id of the run. If it is empty, the record makes one up.
+    :ivar opened: what the process has found at its start.
     :raises RecordError: if the record cannot be used, for example because another race control
         that is running uses one of the files.
     """
@@ -92,7 +93,6 @@ class RecordProcess:
         self._end = LocalEnd(end)
         self._socket = end
         self._unwritten: deque[tuple[int, int]] = deque()  # events, bytes of each batch
-        self._batches = 0  # written
         self._events = 0  # not yet written
         self._bytes = 0
         self._lost = 0
@@ -109,13 +109,8 @@ class RecordProcess:
             end.close()
             os.waitpid(self.pid, 0)
             raise RecordError(opened.text)
-        self._error: str = opened.error
-        self.left_behind: RaceMemory | None = opened.left_behind
-        """What the record contains about the last run. None if it contains nothing."""
-        self.last_run: LastRun = opened.last_run
-        """How the last run ended."""
-        self.why: str = opened.why
-        """Why it is unknown how the last run ended, as a phrase. Empty if it is known."""
+        self.opened: Opened = opened
+        self._error = self.opened.error
 
     def attach(self, loop: asyncio.AbstractEventLoop) -> None:
         """Read the process's messages in this loop."""
@@ -162,8 +157,7 @@ class RecordProcess:
     def look(self) -> None:
         """Read the messages that the process has sent."""
         for batches, error, confirmed in self._end.receive():
-            while self._batches < batches:
-                self._batches += 1
+            for _ in range(batches):
                 events, size = self._unwritten.popleft()
                 self._events -= events
                 self._bytes -= size
@@ -263,7 +257,7 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
     told = record.error or mark.error
     end.sendall(pack(Opened(record.left_behind, mark.last_run, mark.why, told)))
     unpacker = Unpacker()
-    batches = written = 0
+    batches = 0  # not written yet
     confirm: list[int] = []
     while True:
         due_in = mark.due_in()
@@ -291,8 +285,9 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
                     return
         due = record.due_in()
         tried = due is not None and due <= 0
+        written = 0
         if tried and record.write():
-            written = batches
+            written, batches = batches, 0
         if mark.due_in() <= 0:
             mark.keep()
         fails = record.error or mark.error
