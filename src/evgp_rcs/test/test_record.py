@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import contextlib
 import dataclasses
+import math
 import os
 import pathlib
 import sqlite3
@@ -423,14 +424,12 @@ def test_entries_without_events_wait_for_others_but_not_for_long(
     begin: Begin, path: pathlib.Path
 ) -> None:
     record = begin()
-    assert record.due_in() is None
+    assert record.due_in() == math.inf
     put(record, Tick(1.0))
     put(record, Tick(2.0), first=1)
-    due = record.due_in()
-    assert due is not None
-    assert 0 < due <= evgp_rcs.record.store.INPUTS_EVERY
+    assert 0 < record.due_in() <= evgp_rcs.record.store.INPUTS_EVERY
     assert record.write()
-    assert record.due_in() is None
+    assert record.due_in() == math.inf
     with contextlib.closing(open_read_only(path)) as database:
         _, *found = entries_of(blocks_of(database, 1))
     assert found == [Tick(1.0), Tick(2.0)]

@@ -260,10 +260,7 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
     batches = 0  # not written yet
     confirm: list[int] = []
     while True:
-        due_in = mark.due_in()
-        if (record_due_in := record.due_in()) is not None:
-            due_in = min(due_in, record_due_in)
-        if select.select([end], [], [], due_in)[0]:
+        if select.select([end], [], [], min(mark.due_in(), record.due_in()))[0]:
             try:
                 data = end.recv(1 << 20)
             except ConnectionResetError:
@@ -283,8 +280,7 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
                     record.end()
                     mark.end(message.ends_as)
                     return
-        due = record.due_in()
-        tried = due is not None and due <= 0
+        tried = record.due_in() <= 0
         written = 0
         if tried and record.write():
             written, batches = batches, 0

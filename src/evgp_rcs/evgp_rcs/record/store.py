@@ -23,6 +23,7 @@ import dataclasses
 import fcntl
 import hashlib
 import itertools
+import math
 import os
 import pathlib
 import secrets
@@ -127,13 +128,11 @@ class Record:
         self._path = path
         self._id = run or secrets.token_hex(8)
         self._waiting: list[Block] = []
-        self._since = 0.0  # when the first waiting entry arrived
-        self._urgent = False  # an event is waiting
+        self._due = math.inf  # when to write
         self._blocks: list[bytes] = []  # compressed once, however often the disk fails
         self._blocks_written = 0
         self._memory: RaceMemory | None = None  # to be written
         self._durable = False  # the memory must be in the file itself
-        self._failed_at = 0.0
         self._database: sqlite3.Connection | None = None
         self._run = 0
         self._claimed: IO[bytes] | None = None
@@ -149,12 +148,10 @@ class Record:
 
     def put(self, batch: Batch) -> None:
         """Append a batch to the stream."""
-        if batch.entries:
-            if not self._waiting:
-                self._since = clock.now()
-            # `Began` precedes all of them.
-            self._waiting.append(Block(1 + batch.first, b''.join(map(encode, batch.entries))))
-            self._urgent |= any(isinstance(entry, StampedEvent | Rules) for entry in batch.entries)
+        # `Began` precedes all of them.
+        self._waiting.append(Block(1 + batch.first, b''.join(map(encode, batch.entries))))
+        urgent = any(isinstance(entry, StampedEvent | Rules) for entry in batch.entries)
+        self._write_within(0.0 if urgent else INPUTS_EVERY)
 
     def remember(self, memory: RaceMemory, durable: bool = False) -> None:
         """
@@ -164,15 +161,15 @@ class Record:
         """
         self._memory = memory
         self._durable |= durable
+        self._write_within(0.0)
 
-    def due_in(self) -> float | None:
-        """Return the time until a write is due, in seconds; None if there is nothing to write."""
-        now = clock.now()
-        if self.error:
-            return max(0.0, self._failed_at + RETRY - now)
-        if self._urgent or self._memory:
-            return 0.0
-        return max(0.0, self._since + INPUTS_EVERY - now) if self._waiting else None
+    def _write_within(self, seconds: float) -> None:
+        if not self.error:  # otherwise, the next attempt writes it too
+            self._due = min(self._due, clock.now() + seconds)
+
+    def due_in(self) -> float:
+        """Return the time until a write is due, in seconds; infinite if nothing waits."""
+        return max(0.0, self._due - clock.now())
 
     # ----- writing ------------------------------------------------------------------------
 
@@ -188,19 +185,17 @@ class Record:
             if self._database is not None:
                 self._database.close()
                 self._database = None
-            self._fail(error)
+            self.error = in_words(error)
+            self._due = clock.now() + RETRY
             return False
         self.error = ''
+        self._due = math.inf
         return True
 
     def end(self) -> None:
         """Write the rest and release the file."""
         self.write()
         self._release()
-
-    def _fail(self, error: Exception) -> None:
-        self.error = in_words(error)
-        self._failed_at = clock.now()
 
     def _claim(self) -> None:
         if self._claimed is not None:
@@ -277,7 +272,6 @@ class Record:
             if self._memory is not None:
                 row = self._run, written(self._memory)
                 self._database.execute('INSERT OR REPLACE INTO memory VALUES (?, ?)', row)
-        self._urgent = False
         self._blocks_written += len(blocks)
         self._blocks.clear()
         self._memory = None
