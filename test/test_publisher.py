@@ -65,8 +65,8 @@ def a_race() -> Snapshot:
 
 
 def test_the_race_does_not_wait_for_all_the_events_before_it(telling: Telling) -> None:
-    telling.publisher.events(some_events(5000))
-    telling.publisher.race(a_race())
+    telling.publisher.publish(some_events(5000))
+    telling.publisher.publish(a_race())
     telling.publisher.start()
     telling.official.wait_for_race(lambda race: race.karts[0].number == 7, 'the race')
     assert len(telling.official.events) < 5000
@@ -75,15 +75,15 @@ def test_the_race_does_not_wait_for_all_the_events_before_it(telling: Telling) -
 def test_a_race_that_is_at_rest_is_told_again_with_the_time(telling: Telling) -> None:
     race = a_race()
     telling.publisher.start()
-    telling.publisher.race(race)
+    telling.publisher.publish(race)
     first = telling.official.wait_for_race(lambda race: True, 'the race')
-    telling.publisher.race(race._replace(stamp=race.stamp + 1.0))
+    telling.publisher.publish(race._replace(stamp=race.stamp + 1.0))
     again = telling.official.wait_for_race(
         lambda told: told.stamp != first.stamp, 'the race a second later'
     )
     assert str(again.karts) == str(first.karts)  # not ==: what is not known of a link is NaN
     assert again.stamp.sec - first.stamp.sec in (1, 2)
-    telling.publisher.race(race._replace(stamp=race.stamp + 2.0, over=True))
+    telling.publisher.publish(race._replace(stamp=race.stamp + 2.0, over=True))
     telling.official.wait_for_race(lambda told: told.over, 'the change')
 
 
@@ -101,17 +101,17 @@ def test_the_plain_state_is_said_again_until_the_race_is_old_and_none_is_kept(
     telling.official.wait_until_polled(
         lambda: telling.publisher._state.get_subscription_count(), 'its subscriber'
     )
-    telling.publisher.race(a_race())
+    telling.publisher.publish(a_race())
     telling.publisher.start()
     telling.official.wait_until(lambda: len(heard) > 5, lambda: f'the state; heard {heard}')
     (publisher,) = node.get_publishers_info_by_topic('/rcs/state')
     assert publisher.qos_profile.durability is DurabilityPolicy.VOLATILE
     telling.official.wait_until_polled(lambda: telling.publisher._stated is None, 'silence')
-    telling.publisher.events(some_events(1))  # other news do not bring it back
+    telling.publisher.publish(some_events(1))  # other news do not bring it back
     telling.official.wait_for_event(lambda event: event.kart == 7, 'news')
     assert telling.publisher._stated is None
     count = len(heard)
-    telling.publisher.race(a_race())
+    telling.publisher.publish(a_race())
     telling.official.wait_until(lambda: len(heard) > count, lambda: 'the state, again')
     assert set(heard) == {'IN_GARAGE'}
 
@@ -119,10 +119,10 @@ def test_the_plain_state_is_said_again_until_the_race_is_old_and_none_is_kept(
 def test_a_publisher_that_cannot_go_on_says_so_and_its_last_words_are_heard(
     telling: Telling,
 ) -> None:
-    telling.publisher.race(a_race())
+    telling.publisher.publish(a_race())
     telling.publisher.start()
     telling.official.wait_for_race(lambda race: True, 'a race')
-    telling.publisher.race(a_race()._replace(track=None))  # type: ignore[arg-type]
+    telling.publisher.publish(a_race()._replace(track=None))  # type: ignore[arg-type]
     assert telling.failed.wait(PATIENCE)
     assert isinstance(telling.failures[0], AttributeError)
 

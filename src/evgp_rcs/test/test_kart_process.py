@@ -276,7 +276,7 @@ def test_a_ros_half_that_never_gave_a_sign_of_life_is_not_waited_for_for_ever(
 
 def test_a_kart_server_that_is_killed_is_told_of_and_every_command_refused(begin: Begin) -> None:
     ended: queue.SimpleQueue[str] = queue.SimpleQueue()
-    client = KartServerClient(begin, lambda events: None, lambda snapshot: None, ended.put)
+    client = KartServerClient(begin, lambda news: None, ended.put)
     client.start()
     try:
         freeze(client._process.pid)
@@ -296,9 +296,7 @@ def test_a_kart_server_that_hangs_and_takes_nothing_is_given_up_and_no_thread_wa
 ) -> None:
     monkeypatch.setattr(kart_client, 'ANSWER_TIMEOUT', 0.0)
     ended = threading.Event()
-    client = KartServerClient(
-        begin, lambda events: None, lambda snapshot: None, lambda why: ended.set()
-    )
+    client = KartServerClient(begin, lambda news: None, lambda why: ended.set())
     client.start()
     try:
         freeze(client._process.pid)
@@ -314,10 +312,10 @@ def test_a_kart_server_that_hangs_and_takes_nothing_is_given_up_and_no_thread_wa
 def test_a_hearing_thread_that_fails_ends_race_control(begin: Begin) -> None:
     ended: queue.SimpleQueue[str] = queue.SimpleQueue()
 
-    def broken(snapshot: object) -> None:
+    def broken(news: object) -> None:
         raise ZeroDivisionError('a fault put in by the test')
 
-    client = KartServerClient(begin, lambda events: None, broken, ended.put)
+    client = KartServerClient(begin, broken, ended.put)
     client.start()
     assert 'ZeroDivisionError' in ended.get(timeout=TIMEOUT)
     assert client._process.wait(TIMEOUT) == 1  # and every kart was sent RED_RED
@@ -329,6 +327,6 @@ def test_no_module_is_taken_from_the_working_directory(
 ) -> None:
     (tmp_path / 'sqlite3.py').write_text("raise ZeroDivisionError('it was taken')")
     monkeypatch.chdir(tmp_path)
-    client = KartServerClient(begin, lambda e: None, lambda snapshot: None, lambda why: None)
+    client = KartServerClient(begin, lambda news: None, lambda why: None)
     client.start()
     client.stop(in_order=True)

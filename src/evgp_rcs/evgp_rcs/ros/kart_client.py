@@ -77,9 +77,8 @@ class KartServerClient:
     The kart server's process, as the ROS half sees it.
 
     :param begin: the roster and settings to start with.
-    :param on_events: called with events, in order, in the hearing thread. It must not block.
-    :param on_snapshot: called with each snapshot of the race, in the hearing thread. It must not
-        block.
+    :param on_news: called with events, in order, and with each snapshot of the race, in the
+        hearing thread. It must not block.
     :param on_end: called with the reason, in the hearing thread, if the kart server has ended on
         its own. Every kart has then been sent RED_RED or has lost its connection.
     :ivar address: the address and port at which karts can connect, once ``start`` has returned.
@@ -88,14 +87,12 @@ class KartServerClient:
     def __init__(
         self,
         begin: Begin,
-        on_events: Callable[[list[StampedEvent]], None],
-        on_snapshot: Callable[[Snapshot], None],
+        on_news: Callable[[list[StampedEvent] | Snapshot], None],
         on_end: Callable[[str], None],
     ) -> None:
         """Prepare the client. Only ``start`` starts the process."""
         self._begin = begin
-        self._on_events = on_events
-        self._on_snapshot = on_snapshot
+        self._on_news = on_news
         self._on_end = on_end
         self._numbers = itertools.count(1)
         self._waiting: dict[int, queue.SimpleQueue[Answer | None]] = {}
@@ -266,13 +263,11 @@ class KartServerClient:
 
     def _take(self, message: Any) -> None:
         if isinstance(message, Happened):
-            self._on_events(message.events)
+            self._on_news(message.events)
         elif isinstance(message, Snapshot):
-            self._on_snapshot(message)
+            self._on_news(message)
         elif isinstance(message, Answered):
-            answers = self._waiting.pop(message.number, None)
-            if answers is not None:
-                answers.put(message.answer)
+            self._answer(message.number, message.answer)
         elif isinstance(message, Listening):
             self._listening.set_result(message.address)
         else:
@@ -280,9 +275,10 @@ class KartServerClient:
             self._listening.set_exception(KartServerError(message.text))
 
     def _refuse_the_rest(self) -> None:
-        while self._waiting:
-            try:
-                _, answers = self._waiting.popitem()
-            except KeyError:
-                return  # another thread has refused the last one
-            answers.put(None)
+        for number in list(self._waiting):
+            self._answer(number, None)
+
+    def _answer(self, number: int, answer: Answer | None) -> None:
+        answers = self._waiting.pop(number, None)
+        if answers is not None:  # its caller still waits
+            answers.put(answer)

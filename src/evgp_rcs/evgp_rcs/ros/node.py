@@ -56,7 +56,7 @@ from evgp_rcs.ros.publisher import RacePublisher
 from evgp_rcs.ros.rival import claim_the_graph, look_for_rivals, refuse_rivals, RivalError
 from evgp_rcs.ros.settings import read_roster, read_settings
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, kinds_by_service
-from evgp_rcs.rules.race import Answer, Command
+from evgp_rcs.rules.race import Answer, Command, StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs_msgs import msg, srv
 from evgp_rcs_msgs.srv import SignOfLife
@@ -192,8 +192,7 @@ class RcsNode(StrictNode):
         )
         self._server = KartServerClient(
             begin,
-            on_events=self._publisher.events,
-            on_snapshot=self._take_snapshot,
+            on_news=self._take_news,
             on_end=self._kart_server_ended,
         )
         self._presences = Presences()
@@ -254,9 +253,10 @@ class RcsNode(StrictNode):
         )
         return dataclasses.replace(begin, cannot_know=not_known)
 
-    def _take_snapshot(self, race: Snapshot) -> None:
-        self._addresses = [kart.address for kart in race.karts if kart.address]
-        self._publisher.race(race)
+    def _take_news(self, news: list[StampedEvent] | Snapshot) -> None:
+        if isinstance(news, Snapshot):
+            self._addresses = [kart.address for kart in news.karts if kart.address]
+        self._publisher.publish(news)
 
     def _hear_watch(self) -> None:
         """Act on what the watch of the address has found, in the watch's thread."""
@@ -311,7 +311,7 @@ class RcsNode(StrictNode):
             if sign % GRAPH_LOOK == 0:
                 before, trouble = trouble, trouble_of_graph(self.context.get_domain_id())
                 if trouble != before:
-                    self._publisher.graph_trouble(trouble)
+                    self._publisher.publish(trouble)
             if sign % CALL_EVERY == 0:
                 missing, unread = self._calls - self._heard, inbox.unread()
                 if max(missing, unread) > MOST_UNHEARD:

@@ -104,21 +104,14 @@ class RacePublisher:
         self._clock_ns = 0
         self._sequence = 0
 
-    def events(self, events: list[StampedEvent]) -> None:
-        """Queue events for publication. Any thread may call this."""
-        self._happened.put(events)
-
-    def race(self, race: Snapshot) -> None:
-        """Queue a snapshot of the race for publication. Any thread may call this."""
-        self._happened.put(race)
-
-    def graph_trouble(self, text: str) -> None:
+    def publish(self, news: list[StampedEvent] | Snapshot | str) -> None:
         """
-        Queue an alert about the ROS graph for publication. Any thread may call this.
+        Queue news for publication. Any thread may call this.
 
-        :param text: what is wrong with the graph, as a sentence; empty if nothing is.
+        :param news: events; a snapshot of the race; or what is wrong with the ROS graph, as a
+            sentence, which is empty if nothing is wrong any longer.
         """
-        self._happened.put(text)
+        self._happened.put(news)
 
     def start(self) -> None:
         """Start the publisher's thread."""
