@@ -172,9 +172,10 @@ class Breach(NamedTuple):
     measured: float | None = None
 
     @property
-    def rank(self) -> tuple[bool, float]:
-        """Return how grave it is: above all if it is not judged, or else by the time it took."""
-        return self.verdict is Verdict.NOT_JUDGED, self.measured or 0.0
+    def rank(self) -> tuple[int, float]:
+        """Return how grave it is: by the verdict and, in a pass, by the time it took."""
+        verdicts = (Verdict.PASS, Verdict.NOT_JUDGED, Verdict.FAIL)
+        return verdicts.index(self.verdict), self.measured or 0.0
 
 
 @dataclasses.dataclass
@@ -234,7 +235,6 @@ class Oracle:
 
     :ivar trace: the trace so far.
     :param tell: called with the first breach of each sentence when it is found.
-    :ivar breaches: the first breach of each broken sentence so far.
     :ivar moves: number of breaches by the wheels, each of which is a reason to stop the kart.
     :ivar still: number of speeds received since the wheels last turned.
     :ivar spell: the current spell.
@@ -245,11 +245,10 @@ class Oracle:
     ) -> None:
         self.trace = Trace()
         self._tell = tell
-        self.breaches: list[Breach] = []
         self.moves = self.still = 0
         self.spell = Spell(Law.STAND, 0.0, 'the start', 'K-4C-11', 'K-4C-11')
         self._limits = limits
-        self._found: dict[str, Breach] = {}  # the gravest finding per sentence
+        self._found: dict[str, Breach] = {}  # the first breach, or the gravest finding
         self._step = ''
         self._link = 0
         self._state: RaceState | None = None
@@ -301,8 +300,7 @@ class Oracle:
         if self._link:
             self._pass('K-4A-02', 'It never had two connections.', now)
         self._compare()
-        all_of = {**self._found, **{breach.name: breach for breach in self.breaches}}
-        return {name: self._finding(breach) for name, breach in all_of.items()}
+        return {name: self._finding(breach) for name, breach in self._found.items()}
 
     def _finding(self, breach: Breach) -> Finding:
         since, until = breach.since - AROUND, breach.at + AROUND
@@ -319,9 +317,10 @@ class Oracle:
     def _fail(
         self, name: str, why: str, since: float, at: float, measured: float | None = None
     ) -> None:
-        if name not in {breach.name for breach in self.breaches}:
-            self.breaches.append(Breach(name, Verdict.FAIL, why, since, at, measured))
-            self._tell(self.breaches[-1])
+        before = self._found.get(name)
+        if before is None or before.verdict is not Verdict.FAIL:
+            breach = self._found[name] = Breach(name, Verdict.FAIL, why, since, at, measured)
+            self._tell(breach)
 
     def _break(self, name: str, why: str, at: float) -> None:
         """Record a breach by the wheels. Further motion in this spell is the same fault."""
@@ -335,7 +334,7 @@ class Oracle:
         self._keep(Breach(name, Verdict.PASS, why, at, at, measured))
 
     def _keep(self, found: Breach) -> None:
-        """Keep the gravest finding."""
+        """Keep a finding that is not a breach, if it is the gravest one."""
         before = self._found.get(found.name)
         if before is None or found.rank > before.rank:
             self._found[found.name] = found

@@ -37,7 +37,7 @@ class Mark:
     name: str
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass
 class Second:
     """
     One second of a kart's link.
@@ -50,12 +50,12 @@ class Second:
     :ivar connected: whether the kart was connected at the end of the second.
     """
 
-    at: float
-    round_trip: float | None
-    worst: float
-    silence: float
-    retransmitted: int
-    connected: bool
+    at: float = 0.0
+    round_trip: float | None = None
+    worst: float = 0.0
+    silence: float = 0.0
+    retransmitted: int = 0
+    connected: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,10 +98,7 @@ class LinkSurvey:
         self._trips: list[float] = []
         self._since: float | None = None  # when the kart last answered
         self._counted_to = 0.0
-        self._round_trip: float | None = None
-        self._worst = 0.0
-        self._silence = 0.0
-        self._retransmitted = 0
+        self._now = Second()  # the present second
 
     def opened(self, now: float) -> None:
         """Record a new connection, which does not end a silence."""
@@ -121,7 +118,7 @@ class LinkSurvey:
         self._connected = False
         self.losses.append((now, why))
         self._trips += never_answered
-        self._worst = max(self._worst, 0.0, *never_answered)
+        self._now.worst = max(self._now.worst, 0.0, *never_answered)
 
     def answered(self, trips: Sequence[float], now: float) -> None:
         """Record the round trips of newly answered frames, the newest last."""
@@ -129,12 +126,12 @@ class LinkSurvey:
             self._silent(now)
             self._since = now
             self._trips += trips
-            self._round_trip = trips[-1]
-            self._worst = max(self._worst, *trips)
+            self._now.round_trip = trips[-1]
+            self._now.worst = max(self._now.worst, *trips)
 
     def retransmitted(self, segments: int) -> None:
         """Record that this many more segments were retransmitted."""
-        self._retransmitted += segments
+        self._now.retransmitted += segments
 
     def second(self, now: float, age: float = 0.0) -> Second:
         """
@@ -144,16 +141,9 @@ class LinkSurvey:
         """
         self._silent(now)
         self._pass_time(now)
-        found = Second(
-            at=now,
-            round_trip=self._round_trip,
-            worst=max(self._worst, age),
-            silence=self._silence,
-            retransmitted=self._retransmitted,
-            connected=self._connected,
-        )
+        found, self._now = self._now, Second()
+        found.at, found.worst, found.connected = now, max(found.worst, age), self._connected
         self.seconds.append(found)
-        self._round_trip, self._worst, self._silence, self._retransmitted = None, 0.0, 0.0, 0
         return found
 
     def _pass_time(self, now: float) -> None:
@@ -164,7 +154,7 @@ class LinkSurvey:
     def _silent(self, now: float) -> None:
         """Record how long the kart has been silent up to now."""
         if self._since is not None:
-            self._silence = max(self._silence, now - self._since)
+            self._now.silence = max(self._now.silence, now - self._since)
 
     @property
     def grade(self) -> Grade:
@@ -221,7 +211,7 @@ class LinkSurvey:
             return Figure(name, value, limit, unit, verdict)
 
         on = self._time_connected
-        silence = max([self._silence, *(each.silence for each in self.seconds)])
+        silence = max(each.silence for each in (*self.seconds, self._now))
         enough = Verdict.PASS if on >= limits.shortest else Verdict.NOT_JUDGED
         return [
             at_most('round trip, 99th percentile', self.percentile, limits.round_trip, 's'),
