@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import re
 
-from evgp_timing.framing import MarkedDecoder
 from evgp_timing.passings import Event, Passing, Refused, Sign
 
 _PASSING = re.compile(
@@ -37,8 +36,3 @@ def read(line: bytes) -> Event:
         hits=min(int(match['hits'] or 0), 65535),
         strength=None if match['strength'] is None else float(match['strength']),
     )
-
-
-def decoder() -> MarkedDecoder:
-    """Return a decoder for one connection."""
-    return MarkedDecoder(0x01, 0x0A, read)

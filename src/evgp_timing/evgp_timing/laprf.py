@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import enum
 
-from evgp_timing.framing import Framing, MarkedDecoder, Record
+from evgp_timing.framing import Framing, Record
 from evgp_timing.passings import Event, Passing, Refused, Sign
 
 
@@ -67,8 +67,3 @@ def read(record: Record) -> Event:
         transponder=str(slot),
         strength=None if peak is None else float(peak),
     )
-
-
-def decoder() -> MarkedDecoder:
-    """Return a decoder for one connection."""
-    return LAPRF.decoder(read)

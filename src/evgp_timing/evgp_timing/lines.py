@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import re
 
-from evgp_timing.framing import MarkedDecoder
 from evgp_timing.passings import Event, Passing, Refused, Sign
 
 _PASSING = re.compile(
@@ -35,8 +34,3 @@ def read(line: bytes) -> Event:
         time_us=int(match['seconds']) * 1_000_000 + int(fraction),
         transponder=match['transponder'].decode(),
     )
-
-
-def decoder() -> MarkedDecoder:
-    """Return a decoder for one connection."""
-    return MarkedDecoder(ord('$'), ord('\n'), read)

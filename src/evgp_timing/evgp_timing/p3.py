@@ -13,7 +13,7 @@ from __future__ import annotations
 import binascii
 import enum
 
-from evgp_timing.framing import Framing, MarkedDecoder, Record
+from evgp_timing.framing import Framing, Record
 from evgp_timing.passings import Event, Passing, Refused, Sign
 
 PORT = 5403
@@ -83,8 +83,3 @@ def _named(number: str, label: bytes) -> str:
     printed = label.decode('latin-1').strip('\0 ')
     says_more = printed.isascii() and printed.isprintable() and printed not in ('', number)
     return f'{number} {printed}' if says_more else number
-
-
-def decoder() -> MarkedDecoder:
-    """Return a decoder for one connection."""
-    return P3.decoder(read)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 
-from evgp_timing import ilap, laprf, p3
+from evgp_timing import laprf, p3
 from evgp_timing.framing import Framing, MAX_RECORD_BYTES, Record
 from evgp_timing.kinds import DECODERS
 from evgp_timing.passings import Passing, Refused, Sign
@@ -42,7 +42,7 @@ def test_what_was_recorded_of_a_device_says_what_it_means(kind: str) -> None:
 
 def test_what_decoders_in_the_field_send_says_what_it_means() -> None:
     for record, event in P3_FIELD:
-        assert p3.decoder().feed(record) == [event]
+        assert DECODERS['p3']().feed(record) == [event]
 
 
 @pytest.mark.parametrize(
@@ -55,13 +55,13 @@ def test_a_label_that_says_nothing_more_or_cannot_be_shown_is_left_out(
     fields = [(p3.Field.NUMBER, 1, 4), (p3.Field.TRANSPONDER, 7, 4), (p3.Field.RTC_TIME, 1, 8)]
     record = [(name, value.to_bytes(size, 'little')) for name, value, size in fields]
     sent = p3.P3.encode(p3.Kind.PASSING, [*record, (p3.Field.LABEL, label)])
-    assert p3.decoder().feed(sent) == [Passing(1, 1, transponder)]
+    assert DECODERS['p3']().feed(sent) == [Passing(1, 1, transponder)]
 
 
 def test_what_is_left_of_a_record_without_a_checksum_is_refused() -> None:
     (record,) = [each for each, event in P3_FIELD if not getattr(event, 'checked', True)]
     for begin, end in itertools.combinations(range(1, len(record)), 2):
-        found = p3.decoder().feed(b'\x8e' + record[begin:end] + b'\x8f')
+        found = DECODERS['p3']().feed(b'\x8e' + record[begin:end] + b'\x8f')
         assert (begin, end) == (1, len(record) - 1) or all(isinstance(e, Refused) for e in found)
 
 
@@ -160,7 +160,7 @@ def test_a_field_longer_than_its_record_is_refused(framing: Framing) -> None:
 def test_a_passing_without_number_time_or_transponder_is_refused(
     framing: Framing, kind: int, fields: list[tuple[int, bytes]]
 ) -> None:
-    decoder = p3.decoder() if framing is p3.P3 else laprf.decoder()
+    decoder = DECODERS['p3' if framing is p3.P3 else 'laprf']()
     (refused,) = decoder.feed(framing.encode(kind, fields))
     assert isinstance(refused, Refused)
 
@@ -178,12 +178,12 @@ def test_a_passing_without_number_time_or_transponder_is_refused(
     ],
 )
 def test_a_line_that_is_no_passing_is_refused_once(line: bytes) -> None:
-    (refused,) = ilap.decoder().feed(b'\x01' + line + b'\r\n')
+    (refused,) = DECODERS['ilap']().feed(b'\x01' + line + b'\r\n')
     assert isinstance(refused, Refused)
 
 
 def test_a_line_that_is_cut_short_is_refused_and_the_next_is_read() -> None:
     record, event = RECORDED['ilap'][1]
-    refused, passing = ilap.decoder().feed(record[:-4] + record)
+    refused, passing = DECODERS['ilap']().feed(record[:-4] + record)
     assert isinstance(refused, Refused)
     assert passing == event
