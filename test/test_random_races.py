@@ -93,13 +93,13 @@ class Event:
 
     def step(self) -> list[Crossing]:
         """Go on by a tick; return the crossings in it."""
-        before = len(self.field.crossings)
+        before = len(self.field.truth.crossings)
         self.field.step()
         away = 0.0
         if self._away is not None:
             since, until = self._away
             if self.now < until:
-                return self.field.crossings[before:]
+                return self.field.truth.crossings[before:]
             self._away, away = None, until - since
             self.book = Book(self._file)
             self.desk = self.new_desk()
@@ -115,7 +115,7 @@ class Event:
                 given = given._replace(at=max(came, self.now), away=away)
             self.book.write(given)
             self.desk.feed(given)
-        return self.field.crossings[before:]
+        return self.field.truth.crossings[before:]
 
     def wait(self, seconds: float) -> None:
         for _ in range(round(seconds / TICK_LENGTH)):

@@ -86,7 +86,7 @@ def test_the_page_shows_the_karts_and_lets_incidents_begin(rehearsal: Rehearsal)
         for headers in ({'Host': 'evil.example', **as_json}, {'Content-Type': 'text/plain'}):
             with pytest.raises(urllib.error.HTTPError):
                 ask(page.url + 'do', {'do': 'msr'}, **headers)
-        assert not rehearsal.field.msr_at
+        assert not rehearsal.field.truth.msr
 
 
 def test_a_rehearsal_that_begins_in_red_with_an_open_track_gets_to_the_garage_and_closes_it(

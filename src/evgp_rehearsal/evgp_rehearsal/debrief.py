@@ -23,7 +23,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import EventKind, StampedEvent
 from evgp_rcs.words import numbered
-from evgp_rehearsal.field import Field, LINE, TICK_LENGTH
+from evgp_rehearsal.field import LINE, TICK_LENGTH, Truth
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_timing.corrections import CORRECTIONS
 
@@ -42,66 +42,6 @@ class Occurrence:
     kart: int
     began: int
     ended: int
-
-
-@dataclass(frozen=True)
-class Truth:
-    """
-    What really happened in the field. Its times are ticks.
-
-    :param moving: each start and stop of a kart: the tick, the kart, and whether it moves.
-    :param people: each time a person enters or leaves the track: the tick, and whether the person
-        is on the track.
-    :param msr: each use of the MSR.
-    :param seen: other things that people heard or saw: the tick, and a text.
-    :param passings: the timing line's reports: the passing, the kart, and whether the kart really
-        crossed.
-    """
-
-    moving: tuple[tuple[int, int, bool], ...] = ()
-    people: tuple[tuple[int, bool], ...] = ()
-    msr: tuple[int, ...] = ()
-    seen: tuple[tuple[int, str], ...] = ()
-    passings: tuple[tuple[str, int, bool], ...] = ()
-
-    @classmethod
-    def of(cls, field: Field) -> Truth:
-        """Return the truth of a field up to now."""
-        radio = [(at, f'radio: {text}') for at, text in field.messages]
-        last_laps = [(at, f'kart {kart} completes its last lap') for at, kart in field.crossed]
-        return cls(
-            tuple(field.moving),
-            tuple(field.people),
-            tuple(field.msr_at),
-            (*radio, *last_laps),
-            tuple(
-                (f'{LINE} {number}', each.kart, each.real)
-                for number, each in enumerate(field.crossings, 1)
-            ),
-        )
-
-    def moved(self, kart: int, start: float, end: float) -> tuple[float, bool]:
-        """Return for how long (s) a kart moved between two times, and whether it still moved."""
-        moved, since = 0.0, None
-        for tick, number, moves in self.moving:
-            at = min(max(tick * TICK_LENGTH, start), end)
-            if number != kart or tick * TICK_LENGTH > end:
-                continue
-            if since is not None:
-                moved += at - since
-            since = at if moves else None
-        return moved if since is None else moved + end - since, since is not None
-
-    def has_person(self, at: float) -> bool:
-        """Return whether a person is on the track at a time (s) or at any time in its tick."""
-        tick = round(at / TICK_LENGTH)
-        before = [there for when, there in self.people if when < tick]
-        return (tick, True) in self.people or before[-1:] == [True]
-
-    def movers(self, at: float) -> list[int]:
-        """Return the karts that are moving at a time (s)."""
-        karts = sorted({kart for _, kart, _ in self.moving})
-        return [kart for kart in karts if self.moved(kart, at, at)[1]]
 
 
 class _Line(NamedTuple):
@@ -130,7 +70,7 @@ def debrief(
     kart = f' (kart {took.kart})' if took.kart else ''
     during = [each for each in events if began <= each.monotonic <= ended]
     # Before the incident, everything was repaired, so an earlier use of the MSR stops nothing.
-    truth = dataclasses.replace(truth, msr=tuple(at for at in truth.msr if at >= took.began))
+    truth = dataclasses.replace(truth, msr=[at for at in truth.msr if at >= took.began])
     beside = [*_seen(truth), *(_asked(each, truth) for each in corrections)]
     seen = [line for line in beside if began <= line.at <= ended]
     lines = sorted([*seen, *_told(during, truth)], key=lambda line: line.at)
@@ -170,10 +110,10 @@ def _asked(given: Corrected, truth: Truth) -> _Line:
     about = f' for kart {asked.kart}' if asked.kart else ''
     if asked.act in (Act.STRIKE, Act.RESTORE):
         about = f' for {asked.passing}'
-        for name, kart, crossed in truth.passings:
-            if name == str(asked.passing):
-                word = 'crossed' if crossed else 'did not cross'
-                remark = f' - kart {kart} {word} the line there'
+        for number, each in enumerate(truth.crossings, 1):
+            if f'{LINE} {number}' == str(asked.passing):
+                word = 'crossed' if each.real else 'did not cross'
+                remark = f' - kart {each.kart} {word} the line there'
     name = asked.official or 'someone'
     text = f'{name} sent the timekeeper {CORRECTIONS[asked.act].label}{about}{remark}'
     return _Line(given.at, text)
@@ -185,8 +125,10 @@ def _seen(truth: Truth) -> Iterator[_Line]:
         yield _Line(tick * TICK_LENGTH, f'a person is {"on" if there else "off"} the track')
     for tick in truth.msr:
         yield _Line(tick * TICK_LENGTH, 'the MSR is used')
-    for tick, text in truth.seen:
-        yield _Line(tick * TICK_LENGTH, text)
+    for tick, text in truth.messages:
+        yield _Line(tick * TICK_LENGTH, f'radio: {text}')
+    for tick, kart in truth.crossed:
+        yield _Line(tick * TICK_LENGTH, f'kart {kart} completes its last lap')
 
 
 def _remarks(stamped: StampedEvent, truth: Truth) -> Iterator[str]:

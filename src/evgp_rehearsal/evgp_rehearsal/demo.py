@@ -121,7 +121,7 @@ class Show:
         for place in range(len(STARTERS) - len(BRIDGED)):
             with rehearsal.lock:
                 crossed = rehearsal.lock.wait_for(
-                    lambda place=place: rehearsal.field.crossed[place:], TIMEOUT
+                    lambda place=place: rehearsal.field.truth.crossed[place:], TIMEOUT
                 )
             assert crossed, 'no kart crossed the line'
             official.command('kart/finish', kart=crossed[0][1])

@@ -15,6 +15,7 @@ import bisect
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 import contextlib
+import copy
 import dataclasses
 import os
 import pathlib
@@ -36,7 +37,7 @@ from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.spare.copies import fetch, keep
 from evgp_rcs_msgs import msg
-from evgp_rehearsal.debrief import debrief, Occurrence, Truth
+from evgp_rehearsal.debrief import debrief, Occurrence
 from evgp_rehearsal.field import Connected, Failure, Field, LINE, TICK_LENGTH
 from evgp_rehearsal.incidents import ALERTS, can_begin, choose_kart, INCIDENTS, LASTS
 from evgp_rehearsal.plan import Plan
@@ -274,7 +275,7 @@ class Rehearsal(Part):
             took = list(self.took)
             if self.present is not None:
                 took.append(dataclasses.replace(self.present, ended=self.field.tick))
-            truth = Truth.of(self.field)
+            truth = copy.deepcopy(self.field.truth)
             times = list(self._times)
         happened = [
             event._replace(monotonic=_in_ticks(event.monotonic, times)) for event in self.events()
@@ -322,8 +323,8 @@ class Rehearsal(Part):
             with self.lock:
                 said = self.field.step()
                 self._times.append(clock.now())
-                field_ns = round(self.field.tick * TICK_LENGTH * 1e9)
-                epoch_ns, crossings = time.time_ns() - field_ns, self.field.crossings[reported:]
+                epoch_ns = time.time_ns() - round(self.field.tick * TICK_LENGTH * 1e9)
+                crossings = self.field.truth.crossings[reported:]
                 failures, self.field.failures = self.field.failures, []
                 if self.present is not None and self.field.tick >= self.present.began + LASTS:
                     self._end_incident()

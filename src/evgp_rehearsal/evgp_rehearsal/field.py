@@ -26,7 +26,7 @@ TICK_LENGTH = 0.05
 """Length of a tick, in seconds."""
 
 LINE = 'line'
-"""Name of the timing line. It numbers its passings from 1, like `Field.crossings`."""
+"""Name of the timing line. It numbers the crossings that it reports from 1."""
 
 CREEP = 2.0
 """Speed of a kart that creeps, in m/s."""
@@ -80,6 +80,51 @@ class Crossing(NamedTuple):
     at: float
     kart: int
     real: bool
+
+
+@dataclass
+class Truth:
+    """
+    What really happened in the field, in order. All times but those of crossings are ticks.
+
+    :param moving: each start and stop of a kart: the tick, the kart, and whether it moves.
+    :param people: each time a person enters or leaves the track: the tick, and whether the person
+        is on the track.
+    :param msr: each use of the MSR.
+    :param messages: each radio message: the tick, and the text.
+    :param crossed: the karts that have driven all laps: the tick, and the kart.
+    :param crossings: every crossing that the timing line reports.
+    """
+
+    moving: list[tuple[int, int, bool]] = field(default_factory=list)
+    people: list[tuple[int, bool]] = field(default_factory=list)
+    msr: list[int] = field(default_factory=list)
+    messages: list[tuple[int, str]] = field(default_factory=list)
+    crossed: list[tuple[int, int]] = field(default_factory=list)
+    crossings: list[Crossing] = field(default_factory=list)
+
+    def moved(self, kart: int, start: float, end: float) -> tuple[float, bool]:
+        """Return for how long (s) a kart moved between two times, and whether it still moved."""
+        moved, since = 0.0, None
+        for tick, number, moves in self.moving:
+            at = min(max(tick * TICK_LENGTH, start), end)
+            if number != kart or tick * TICK_LENGTH > end:
+                continue
+            if since is not None:
+                moved += at - since
+            since = at if moves else None
+        return moved if since is None else moved + end - since, since is not None
+
+    def has_person(self, at: float) -> bool:
+        """Return whether a person is on the track at a time (s) or at any time in its tick."""
+        tick = round(at / TICK_LENGTH)
+        before = [there for when, there in self.people if when < tick]
+        return (tick, True) in self.people or before[-1:] == [True]
+
+    def movers(self, at: float) -> list[int]:
+        """Return the karts that are moving at a time (s)."""
+        karts = sorted({kart for _, kart, _ in self.moving})
+        return [kart for kart in karts if self.moved(kart, at, at)[1]]
 
 
 @dataclass
@@ -182,17 +227,9 @@ class Field:
     """
     All karts of a rehearsal.
 
-    A debrief takes the truth from the lists ``messages``, ``moving``, ``crossed``, ``people`` and
-    ``msr_at``, in which every entry has its tick.
-
     :param numbers: the karts that are simulated here; None for all.
     :ivar tick: number of steps so far.
     :ivar finish: distance at the end of the last lap, in metres.
-    :ivar messages: each radio message.
-    :ivar moving: each start and stop of a kart.
-    :ivar crossed: the karts that have driven all laps.
-    :ivar people: each time a person enters or leaves the track.
-    :ivar crossings: every crossing that the timing line reports.
     """
 
     def __init__(self, plan: Plan, numbers: Sequence[int] | None = None) -> None:
@@ -200,14 +237,9 @@ class Field:
         self.rng = random.Random(plan.seed)  # noqa: S311 - reproducible by the seed
         self.finish = plan.laps * plan.track.length
         self.tick = 0
-        self.messages: list[tuple[int, str]] = []
+        self.truth = Truth()
         self.failures: list[Failure] = []
-        self.msr_at: list[int] = []
         self.person: tuple[float, float] | None = None
-        self.moving: list[tuple[int, int, bool]] = []
-        self.crossed: list[tuple[int, int]] = []
-        self.people: list[tuple[int, bool]] = []
-        self.crossings: list[Crossing] = []
         every = {number: _spread(plan, self.rng) for number in plan.numbers}
         simulated = plan.numbers if numbers is None else numbers
         self.karts = {number: SimulatedKart(number, every[number]) for number in simulated}
@@ -223,23 +255,23 @@ class Field:
 
     def say(self, text: str) -> None:
         """Send a radio message."""
-        self.messages.append((self.tick, text))
+        self.truth.messages.append((self.tick, text))
 
     def let_in(self, at: tuple[float, float]) -> None:
         """Put a person on the track at x and y, in metres."""
         self.person = at
-        self.people.append((self.tick, True))
+        self.truth.people.append((self.tick, True))
 
     def use_msr(self) -> None:
         """Cut the power of every motor, as the Master Safety Remote does."""
-        self.msr_at.append(self.tick)
+        self.truth.msr.append(self.tick)
         for kart in self.karts.values():
             kart.cut = True
 
     def mend(self) -> None:
         """Repair everything, as marshals and teams would."""
         if self.person is not None:
-            self.people.append((self.tick, False))
+            self.truth.people.append((self.tick, False))
         self.person = None
         for kart in self.karts.values():
             kart.faults.clear()
@@ -255,9 +287,9 @@ class Field:
             if state is not None:
                 said.append((number, state))
             if kart.moves is not moved:
-                self.moving.append((self.tick, number, kart.moves))
+                self.truth.moving.append((self.tick, number, kart.moves))
             if before < self.finish <= kart.distance:
-                self.crossed.append((self.tick, number))
+                self.truth.crossed.append((self.tick, number))
             self._look_at_the_line(kart, before)
         return said
 
@@ -273,12 +305,12 @@ class Field:
                 self.say(text)
             else:
                 at = self.tick * TICK_LENGTH - back
-                self.crossings.append(Crossing(at, kart.number, real=True))
+                self.truth.crossings.append(Crossing(at, kart.number, real=True))
         half = line + length / 2
         if before < half <= kart.distance and Fault.SEEN_ELSEWHERE in kart.faults:
             kart.faults.discard(Fault.SEEN_ELSEWHERE)
             at = self.tick * TICK_LENGTH
-            self.crossings.append(Crossing(at, kart.number, real=False))
+            self.truth.crossings.append(Crossing(at, kart.number, real=False))
             text = f'Timekeeper: kart {kart.number} was counted but is not at the line.'
             self.say(text)
 

@@ -32,7 +32,7 @@ def picture(rehearsal: Rehearsal) -> dict[str, Any]:
     track = rehearsal.plan.track
     heard = {kart.number: kart for kart in race.karts} if race is not None else {}
     with rehearsal.lock:
-        field = rehearsal.field
+        field, radio = rehearsal.field, rehearsal.field.truth.messages[-3:]
         karts = []
         for number, kart in field.karts.items():
             x, y = track.point(kart.distance)
@@ -68,7 +68,7 @@ def picture(rehearsal: Rehearsal) -> dict[str, Any]:
             'track_open': bool(race and race.track.open),
             'karts': karts,
             'person': field.person,
-            'radio': [f'{at * TICK_LENGTH:.0f} s: {text}' for at, text in field.messages[-3:]],
+            'radio': [f'{at * TICK_LENGTH:.0f} s: {text}' for at, text in radio],
             'incident': took.incident if took else '',
             'incident_kart': took.kart if took else 0,
             'possible': [

@@ -13,8 +13,9 @@ from evgp_node.stream import BOOK
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import Event, EventKind, StampedEvent
-from evgp_rehearsal.debrief import debrief, Occurrence, Truth
+from evgp_rehearsal.debrief import debrief, Occurrence
 from evgp_rehearsal.event import corrected
+from evgp_rehearsal.field import Crossing, Truth
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_timing.book import Book
 
@@ -61,7 +62,7 @@ def test_it_says_what_was_heard_what_was_pressed_and_the_rule_books_order() -> N
         gave(4.0, 'GREEN_GREEN', text='GREEN_GREEN refused: no.', success=False),
         (5.0, 'ALERT_RAISED', 1, {'text': 'kart 1 is late'}),
         kart=1,
-        seen=((ticks(0.0), 'radio: kart 1 has spun'),),
+        messages=((ticks(0.0), 'kart 1 has spun'),),
     )
     assert told == [
         'spin (kart 1): a kart spins in front of others',
@@ -152,10 +153,12 @@ def test_it_says_what_officials_asked_the_timekeeper_for_and_who_was_at_the_line
         Correction(Act.COUNT, kart=3),
         Correction(Act.PUBLISH, 'too late'),
     )
+    crossings = [Crossing(0.0, 9, real=True)] * 11
+    crossings += [Crossing(0.0, 4, real=True), Crossing(0.0, 3, real=False)]
     told = debrief(
         Occurrence('false_passing', 3, ticks(0), ticks(60)),
         [],
-        Truth(passings=(('line 1', 9, True), ('line 12', 4, True), ('line 13', 3, False))),
+        Truth(crossings=crossings),
         [Corrected(10 + 20.0 * at + 5.0, each) for at, each in enumerate(asked)],
     )
     assert told[2:-1] == [

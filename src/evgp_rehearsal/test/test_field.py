@@ -147,7 +147,7 @@ def test_the_line_sees_each_kart_cross_it_at_its_time() -> None:
     run(field, 60.0)
 
     for number, kart in field.karts.items():
-        seen = [each for each in field.crossings if each.kart == number]
+        seen = [each for each in field.truth.crossings if each.kart == number]
         assert len(seen) == 1 + int(kart.distance // SQUARE.length)
         assert all(each.real for each in seen)
         top = SQUARE.length / kart.ability.top
@@ -164,11 +164,11 @@ def test_a_passing_that_the_line_misses_or_makes_up_is_told_over_the_radio() -> 
     run(field, 20.0)
 
     for number, missed, made_up in ((1, 1, 0), (2, 0, 1)):
-        seen = [each.real for each in field.crossings if each.kart == number]
+        seen = [each.real for each in field.truth.crossings if each.kart == number]
         assert seen.count(False) == made_up
         crossed = 1 + int(field.karts[number].distance // SQUARE.length)
         assert seen.count(True) == crossed - missed
-    told = sorted(text for _, text in field.messages)
+    told = sorted(text for _, text in field.truth.messages)
     assert [text.partition(' was')[0] for text in told] == [
         'Timekeeper: kart 1 crossed the line but',
         'Timekeeper: kart 2',
