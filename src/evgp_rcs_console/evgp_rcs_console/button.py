@@ -24,7 +24,6 @@ from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_protocol.clock import now
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs_console import texts
 from evgp_rcs_console.button_devices import (
     attend,
     BUTTON_LOOK,
@@ -115,9 +114,11 @@ class StopButton(StrictNode):
         dropped = self._heard.dropped
         if dropped is None or dropped[0] is not self._given:
             return
-        age = round(at - dropped[0].at)
-        self._given = None
-        self._dropped, self._dropped_at = texts.BUTTON_DROPPED.format(age=age), at
+        self._given, self._dropped_at = None, at
+        self._dropped = (
+            f'The ALL KILL pressed {round(at - dropped[0].at)} s ago is no longer being sent, '
+            'because another race has begun since then. Press again to stop that race'
+        )
         if self._presses.is_down:
             self._kill()
 
@@ -184,7 +185,9 @@ def show(paths: Sequence[str]) -> int:
                 watched[path] = device, PressCounter()
             except OSError as error:
                 print(f'{path}: {why(error)}')
-        print(texts.BUTTON_TRY if watched else texts.BUTTON_NONE, flush=True)
+        none = 'No connected device can serve as a stop button. Plug one in'
+        test = 'Press each button to test it. Nothing is sent. Ctrl-C ends the test'
+        print(test if watched else none, flush=True)
         while watched:
             for path, (device, presses) in list(watched.items()):
                 try:

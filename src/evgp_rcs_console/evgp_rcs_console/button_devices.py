@@ -23,7 +23,6 @@ import struct
 import threading
 
 from evgp_protocol.clock import now
-from evgp_rcs_console import texts
 from evgp_rcs_console.presses import changes, EVENT, PressCounter
 
 BUTTON_LOOK = 0.1
@@ -105,9 +104,13 @@ def is_asleep(path: str) -> bool:
 def why(error: OSError) -> str:
     """Return why a device cannot be read and what to do, as a sentence."""
     return {
-        errno.EACCES: texts.BUTTON_NOT_ALLOWED,
+        errno.EACCES: 'This user is not allowed to read the device. Run sudo usermod -aG input '
+        '$USER, then log out and back in',
         errno.EBUSY: 'Another program holds the device. End that program',
-        **dict.fromkeys((errno.EIO, errno.ENODEV, errno.ENOENT, errno.ENXIO), texts.BUTTON_GONE),
+        **dict.fromkeys(
+            (errno.EIO, errno.ENODEV, errno.ENOENT, errno.ENXIO),
+            'The device is not connected. Plug it in',
+        ),
     }.get(error.errno or 0, f'The device cannot be read: {error}')
 
 
@@ -124,6 +127,8 @@ def attend(
     :param on_press: called at each press.
     :param on_look: called at least every `REOPEN`, with the device's fault or an empty text.
     """
+    held = 'A key is held down. Release it so that it can send ALL KILL again'
+    asleep = 'The USB port is asleep. Turn USB power saving off'
     while not ending.is_set():
         try:
             with contextlib.closing(Keys(path)) as device:
@@ -134,8 +139,7 @@ def attend(
                     at = now()
                     if at - looked_at >= BUTTON_LOOK:
                         looked_at = at
-                        held = texts.BUTTON_HELD if presses.is_held(at) else ''
-                        on_look(held or (texts.BUTTON_ASLEEP if is_asleep(path) else ''))
+                        on_look(held if presses.is_held(at) else asleep if is_asleep(path) else '')
                     for change in device.changes(BUTTON_LOOK):
                         if change is None:
                             presses.miss(device.down(), now())

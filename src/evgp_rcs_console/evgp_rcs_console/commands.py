@@ -317,8 +317,8 @@ class Unanswered:
         self._given: dict[tuple[Kind, int], Given] = {}
 
     def __bool__(self) -> bool:
-        """Return whether any command other than a stop is still waiting for an answer."""
-        return bool(self._given)
+        """Return whether any command is still waiting."""
+        return bool(self._given or self.stops)
 
     def add(self, given: Given) -> None:
         self._given[given.key] = given

@@ -36,7 +36,7 @@ from evgp_rcs_console.command_line import (
     Told,
 )
 from evgp_rcs_console.commands import Given
-from evgp_rcs_console.settings import keep_name, kept_name, MOST_BYTES
+from evgp_rcs_console.settings import keep, kept, MOST_BYTES, NAME
 
 TIDY = 1.0
 """Maximum time to leave the ROS domain after the answer is printed, in seconds."""
@@ -124,19 +124,19 @@ def _ask_for_name(wanted: argparse.Namespace) -> None:
     command = COMMANDS.get(wanted.command)
     if command is None or CATALOGUE[command].overtakes:
         return
-    if wanted.official or not _official_is_there() or kept_name() is not None:
+    if wanted.official or not _official_is_there() or kept(NAME) is not None:
         return
-    print(texts.NAME_PROMPT.format(command=CATALOGUE[command].label), end='', file=sys.stderr)
-    sys.stderr.flush()
+    sends = f'Enter also sends {CATALOGUE[command].label}; Ctrl-C sends nothing'
+    print(f'Your name, for the record ({sends}): ', end='', file=sys.stderr, flush=True)
     line = os.read(sys.stdin.fileno(), MOST_BYTES).decode(errors='replace')
     if not line.endswith('\n'):
         print(file=sys.stderr)  # no answer, so rcs_ctl asks again the next time
         return
     try:
-        keep_name(line)
+        keep(NAME, line)
     except (OSError, RuntimeError) as error:
         wanted.official = tidy(line)
-        print(texts.NAME_NOT_KEPT.format(error=error), file=sys.stderr)
+        print(texts.NOT_KEPT.format(error=error), file=sys.stderr)
 
 
 def _official_is_there() -> bool:

@@ -373,9 +373,11 @@ def _show_results(client: Client, hearing: Hearing, until: float) -> Told:
         lines += aligned(results.table(found, teams))
     lines += [f'For the timekeeper: {each}' for each in found.questions]
     if found.races:
-        lines += ['', texts.RACES, *aligned(results.races(found))]
+        headings = 'Races: number, time the grid formed, heat, classified karts'
+        lines += ['', headings, *aligned(results.races(found))]
     if found.passings:
-        lines += ['', texts.PASSINGS, *aligned(results.passings(found))]
+        headings = 'Passings: time since GREEN GREEN, kart, source, session and number, outcome'
+        lines += ['', headings, *aligned(results.passings(found))]
     return _under_banner(Told(Exit.ACCEPTED, '\n'.join(lines)), race)
 
 

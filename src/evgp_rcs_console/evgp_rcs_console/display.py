@@ -22,9 +22,9 @@ from evgp_protocol import clock
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import Answer, StampedEvent
-from evgp_rcs.rules.snapshot import NOTHING, Snapshot
+from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import Cell, time_of_day, Tone
-from evgp_rcs_console import style, texts
+from evgp_rcs_console import settings, style, texts
 from evgp_rcs_console.alerts import AlertsArea
 from evgp_rcs_console.catalogue import Kind
 from evgp_rcs_console.commands import Given, LATE, shows, Standing, Unanswered
@@ -45,7 +45,6 @@ from evgp_rcs_console.panels import (
     TrackPanel,
 )
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
-from evgp_rcs_console.settings import keep_night
 from evgp_rcs_console.sheets import Heats, Help, Officials, Question, Sheet
 from evgp_rcs_console.style import DAY, GAP, look, NIGHT
 from evgp_rcs_console.view import Button, Latest, Screen
@@ -180,7 +179,7 @@ class Areas(QtWidgets.QWidget):
 
     def toggle_night(self) -> None:
         look.palette = DAY if look.palette is NIGHT else NIGHT
-        keep_night(look.palette is NIGHT)
+        settings.keep_soon(settings.NIGHT, 'on' if look.palette is NIGHT else '')
         self.fit()
 
     def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
@@ -305,6 +304,10 @@ Holds = Callable[[Screen], bool]
 """Returns whether a screen agrees with a message."""
 
 
+def _always(_: Screen) -> bool:
+    return True
+
+
 def _barred(command: Kind, kart: int, by_letter: bool = False) -> Holds:
     def holds(screen: Screen) -> bool:
         button = screen.letter(kart) if by_letter else screen.button(command, kart)
@@ -323,14 +326,13 @@ class BottomLine:
     """
 
     def __init__(self, label: Text, unanswered: Unanswered) -> None:
-        self._label = label
-        self._unanswered = unanswered
+        self._label, self._unanswered = label, unanswered
         self._message = Cell('Ready.  F1 shows the keys.')
         self._said_at = 0.0
-        self._holds: Holds | None = None
+        self._holds: Holds = _always
         self._pointed: object = None
 
-    def say(self, text: str, tone: Tone = Tone.PLAIN, holds: Holds | None = None) -> None:
+    def say(self, text: str, tone: Tone = Tone.PLAIN, holds: Holds = _always) -> None:
         """
         Replace the last message with a new one, and put the time of day before it.
 
@@ -338,8 +340,7 @@ class BottomLine:
         """
         at, self._said_at = time_of_day(time.time()), clock.now()
         self._message = Cell(f'{at}  {text}' if text else '', tone)
-        self._holds = holds
-        self._pointed = None
+        self._holds, self._pointed = holds, None
         self.show()
 
     def say_answer(self, given: Given, answer: Answer) -> None:
@@ -350,15 +351,14 @@ class BottomLine:
         else:
             text = f'{texts.REFUSED}{answer.message}'
             # The command may still look possible, so the official gets time to read the reason.
-            ends = clock.now() + READ
-            holds = _barred(given.command, given.kart)
-            self.say(text, Tone.BAD, lambda screen: clock.now() < ends or holds(screen))
+            ends, barred = clock.now() + READ, _barred(given.command, given.kart)
+            self.say(text, Tone.BAD, lambda screen: clock.now() < ends or barred(screen))
 
     def say_barred(self, button: Button) -> None:
         """Show why a command is not possible, until it is possible."""
         by_letter = bool(button.kart and button.key)
-        holds = _barred(button.command, button.kart, by_letter)
-        self.say(button.explanation, Tone.WAIT, holds)
+        barred = _barred(button.command, button.kart, by_letter)
+        self.say(button.explanation, Tone.WAIT, barred)
 
     def say_unsent(self, name: str, why: str) -> None:
         self.say(f'{name} WAS NOT SENT: {why}', Tone.BAD)
@@ -369,8 +369,7 @@ class BottomLine:
 
         :param heard_at: when that snapshot arrived, in seconds.
         """
-        is_newer = heard_at - self._said_at >= SETTLED
-        if self._holds is not None and is_newer and not self._holds(screen):
+        if heard_at - self._said_at >= SETTLED and not self._holds(screen):
             self.say('')
 
     def point_at(self, widget: object) -> None:
@@ -408,10 +407,17 @@ class BottomLine:
             return Cell(str(pointed), Tone.WAIT)
         given = self._unanswered.oldest(now)
         if given is not None and not given.at + LATE < self._said_at > now - READ:
-            age = clock.duration(now - given.at)
-            name = texts.full_name(given)
-            return Cell(f'{name}: no answer yet ({age})', Tone.WAIT)
+            waited = clock.duration(now - given.at)
+            return Cell(f'{texts.full_name(given)}: no answer yet ({waited})', Tone.WAIT)
         return self._message
+
+
+def _without_measurements(race: Snapshot, results: Standings | None) -> object:
+    """Return a snapshot and results without times or link figures."""
+    results = None if results is None else results._replace(stamp=0.0)
+    links = (NOT_MEASURED._replace(grade=kart.link.grade) for kart in race.karts)
+    karts = [kart._replace(link=link) for kart, link in zip(race.karts, links, strict=True)]
+    return race._replace(stamp=0.0, karts=()), karts, results
 
 
 AGES = 1.0
@@ -435,22 +441,21 @@ class Display(QtCore.QObject):
         self._latest = Latest(clock.now(), looking)
         self._waiting = inbox.waiting
         self._shown_at = 0.0
-        self._danger_title = ''
-        self._news: object = None
 
     # ----- what the client receives -------------------------------------------------------
 
     def take_races(self) -> None:
         """Process every waiting snapshot, so that no alert is missed, and show the newest."""
-        if not self._waiting:
-            return
-        changed = bool(self._danger_title)
+        shown, changed = self.areas.seen.screen, False
         while self._waiting:
             race, at, two = self._waiting.popleft()
             self._latest.take_race(race, at, two)
             self.areas.alerts.take_race(race, two)
-            before, self._news = self._news, self._without_measurements()
-            changed = changed or self._news != before
+            if not changed and shown is not None and shown.danger is None:
+                before = _without_measurements(shown.snapshot, shown.heard)
+                changed = before != _without_measurements(race, self._latest.results)
+            else:
+                changed = True
         if changed:
             self.refresh()  # if only figures have changed, they can wait for `look`
 
@@ -472,20 +477,11 @@ class Display(QtCore.QObject):
 
     # ----- what is shown ------------------------------------------------------------------
 
-    def _without_measurements(self) -> object:
-        """Return the newest snapshot and results, without times or link figures."""
-        race, results = self._latest.race or NOTHING, self._latest.results
-        results = None if results is None else results._replace(stamp=0.0)
-        karts = [
-            each._replace(link=NOT_MEASURED._replace(grade=each.link.grade)) for each in race.karts
-        ]
-        return race._replace(stamp=0.0, karts=()), karts, results, self._latest.two
-
     def look(self, now: float) -> None:
         """Update what depends on the time, and sound the alarm if it is due."""
-        danger = self._latest.danger(now)
-        waits = self.unanswered or self.unanswered.stops
-        if danger or self._danger_title or waits or now - self._shown_at >= AGES:
+        danger, shown = self._latest.danger(now), self.areas.seen.screen
+        is_due = self.unanswered or now - self._shown_at >= AGES
+        if danger or is_due or shown is None or shown.danger:
             self.refresh()
         self.areas.clock.look()
         self.areas.alerts.look(now, danger is not None and self._latest.race is not None)
@@ -494,10 +490,8 @@ class Display(QtCore.QObject):
         """Show the newest snapshot, with all ages up to date."""
         now = clock.now()
         self._shown_at = now
-        screen = self._latest.screen(now, self.unanswered.ages(now))
-        title = screen.danger.title if screen.danger else ''
-        if title != self._danger_title:
-            self._danger_title = title
+        shown, screen = self.areas.seen.screen, self._latest.screen(now, self.unanswered.ages(now))
+        if screen.danger_title != (shown.danger_title if shown is not None else ''):
             self.areas.alerts.alarm.sound_soon()
         self.areas.seen.change_to(screen, now)
         self.areas.show_screen(screen)

@@ -47,20 +47,16 @@ class CommandInput(QtCore.QObject):
         self, give: Give, signature: Signature, display: Display, late: LateInput
     ) -> None:
         super().__init__(display.areas)
-        self._give = give
-        self._late = late
+        self.display, self.late = display, late
+        self._areas, self._bottom, self._chosen = display.areas, display.bottom, display.chosen
+        self._give, self._signature = give, signature
         self._all_kill_was_dropped = False
         self._last_sent: Given | None = None
-        self._signature = signature
-        self.display = display
-        self._areas = display.areas
-        self._bottom = display.bottom
-        self._chosen = display.chosen
 
     def kill(self) -> None:
         self._all_kill_was_dropped = False
         claim = self._signature.claim
-        self._give(Given(CommandKind.ALL_KILL, official=claim, waited=self._late.waited))
+        self._give(Given(CommandKind.ALL_KILL, official=claim, waited=self.late.waited))
         self._chosen.clear()
 
     def hold_kill(self) -> None:
@@ -88,21 +84,14 @@ class CommandInput(QtCore.QObject):
         :param down: the button's command when it went down.
         :param button: its command now. A different command is not sent.
         """
+        sent, undoes = self._last_sent, (CATALOGUE[down.command].undoes, down.kart)
         if not down.is_same_command(button):
             self.refuse_changed(down)
-        elif (done := self._just_done(down)) is not None:
-            why = f'the click before it sent {texts.full_name(done)}. Click again.'
-            self._bottom.say_unsent(texts.command_name(button.command, button.kart), why)
+        elif down.kart and sent and sent.key == undoes and clock.now() - sent.at < UNDO_AFTER:
+            why = f'the click before it sent {texts.full_name(sent)}. Click again.'
+            self._bottom.say_unsent(down.name, why)
         else:
             self.press(button)
-
-    def _just_done(self, button: Button) -> Given | None:
-        """Return the command that this button would undo, if that was sent a moment ago."""
-        sent = self._last_sent
-        if sent is None or clock.now() - sent.at >= UNDO_AFTER or not button.kart:
-            return None
-        undoes = CATALOGUE[button.command].undoes, button.kart
-        return sent if (sent.command, sent.kart) == undoes else None
 
     def press(self, button: Button) -> None:
         """Send a button's command, ask for confirmation first, or show why it is not possible."""
@@ -161,9 +150,8 @@ class CommandInput(QtCore.QObject):
 
     def refuse_changed(self, button: Button) -> None:
         """Show that a command was not sent, because the buttons had just changed."""
-        name = texts.command_name(button.command, button.kart)
         why = 'the list of karts just changed. Check it, then press again.'
-        self._bottom.say_unsent(name, why)
+        self._bottom.say_unsent(button.name, why)
         self._chosen.clear()
 
     def toggle_help(self) -> None:
@@ -184,10 +172,12 @@ class CommandInput(QtCore.QObject):
             self._bottom.say(how, Tone.WAIT)
 
     def _send(self, button: Button, also: bool = False) -> None:
-        claim = self._signature.claim
-        then = button.also if also else ()
         given = replace(
-            button.gives, official=claim, then=then, at=clock.now(), waited=self._late.waited
+            button.gives,
+            official=self._signature.claim,
+            then=button.also if also else (),
+            at=clock.now(),
+            waited=self.late.waited,
         )
         self._give(given)
         self._last_sent = given
@@ -206,10 +196,8 @@ class LateInput:
     """
 
     def __init__(self, period: float, display: Display) -> None:
-        self._chosen = display.chosen
-        self._bottom = display.bottom
-        self._clock = InputClock()
-        self._beat = Beat(period, clock.now())
+        self._chosen, self._bottom = display.chosen, display.bottom
+        self._clock, self._beat = InputClock(), Beat(period, clock.now())
         self._dropped: list[str] = []
         self.waited = 0.0
 
@@ -256,15 +244,13 @@ FORWARD = 0.3
 class Mouse:
     """Passes the official's clicks to the widgets, except those that are probably unintended."""
 
-    def __init__(self, presses: CommandInput, late: LateInput) -> None:
+    def __init__(self, presses: CommandInput) -> None:
+        self._presses, self._late = presses, presses.late
+        self._areas, self._bottom = presses.display.areas, presses.display.bottom
         self._active_since: float | None = None
         self._brought_forward = False
         self._held: CommandButton | None = None
         self._under: QtWidgets.QWidget | None = None
-        self._areas = presses.display.areas
-        self._bottom = presses.display.bottom
-        self._presses = presses
-        self._late = late
 
     def take_activation(self, active: bool) -> None:
         self._active_since = clock.now() if active else None
@@ -343,19 +329,17 @@ class Mouse:
 
 def _called(button: QtWidgets.QAbstractButton) -> str:
     if isinstance(button, CommandButton) and button.button is not None:
-        return texts.command_name(button.button.command, button.button.kart)
+        return button.button.name
     return button.words if isinstance(button, Push) else ''
 
 
 class Keyboard:
     """Turns keys into commands, choices of a kart, and answers to questions."""
 
-    def __init__(self, presses: CommandInput, late: LateInput) -> None:
-        self._areas = presses.display.areas
-        self._presses = presses
-        self._late = late
-        self._chosen = presses.display.chosen
-        self._bottom = presses.display.bottom
+    def __init__(self, presses: CommandInput) -> None:
+        display = presses.display
+        self._presses, self._late = presses, presses.late
+        self._areas, self._bottom, self._chosen = display.areas, display.bottom, display.chosen
         self._last: tuple[str, float] = '', 0.0  # the last key that means something, and when
         self._acts: dict[str, Callable[[float], object]] = {
             'F1': lambda _: presses.toggle_help(),
@@ -430,29 +414,27 @@ class Keyboard:
     def _answer(self, name: str, stroke: Stroke | None, at: float) -> bool:
         """Handle a key while a question is open; return True, as no widget may get the key."""
         question = self._areas.question
-        answers = [question.no, question.yes]
-        answers += [] if question.also.isHidden() else [question.also]
-        focused = next((each for each in answers if each.hasFocus()), question.no)
-        by_enter = focused if stroke is not None and stroke.window == 'Return' else None
-        also = question.also in answers and (
-            by_enter is question.also or name == question.also.key
-        )
-        if name in ('N', 'Esc'):
+        answers = {'N': question.no, 'Y': question.yes}
+        if not question.also.isHidden():
+            answers[question.also.key] = question.also
+        buttons = list(answers.values())
+        focused = next((each for each in buttons if each.hasFocus()), question.no)
+        pressed = answers.get(name)
+        if stroke is not None and stroke.window in ('Return', 'Esc'):
+            pressed = focused if stroke.window == 'Return' else question.no
+        if pressed is question.no:
             self._presses.answer(False)
-        elif name == 'Y' or by_enter is question.yes or also:
-            if at < question.shown_at:
-                why = 'it was pressed before the question appeared. Read it, then answer.'
-                self._bottom.say_unsent(name, why)
-            elif question.yes.isEnabled():
-                self._presses.answer(True, also)
-            else:
-                self._bottom.say(texts.ANSWER_NO, Tone.WAIT)
+        elif pressed is not None and at < question.shown_at:
+            why = 'it was pressed before the question appeared. Read it, then answer.'
+            self._bottom.say_unsent(name, why)
+        elif pressed is not None and question.yes.isEnabled():
+            self._presses.answer(True, pressed is question.also)
+        elif pressed is not None:
+            self._bottom.say(texts.ANSWER_NO, Tone.WAIT)
         elif name in MOVE_KEYS:
-            other = answers[(answers.index(focused) + 1) % len(answers)]
+            other = buttons[(buttons.index(focused) + 1) % len(buttons)]
             (other if other.isEnabled() else question.no).setFocus()
-        elif stroke is not None and stroke.window in ('Return', 'Backspace'):
-            self._acts[stroke.window](at)
-        elif stroke is not None and stroke.digit:
+        elif stroke is not None and (stroke.digit or stroke.window == 'Backspace'):
             self._type(at, stroke.digit)
         elif stroke is not None and stroke.stop and not stroke.asks:
             self._press(stroke, at)  # a stop never waits for an answer
@@ -468,29 +450,23 @@ class Keyboard:
         screen = self._areas.seen.screen
         assert screen is not None
         kart = 0
-        if stroke.finish is not None:
-            kart = _kart_at(screen, stroke.finish)
-            if not kart:
-                self._chosen.clear()
-                self._bottom.say_unsent(FINISH_KEYS[stroke.finish], 'no kart has this letter.')
-                return
-        elif stroke.to_chosen:
+        if stroke.to_chosen:
             kart, why = self._chosen.take(at)
             if not kart:
                 self._bottom.say_unsent(CATALOGUE[stroke.commands[0]].label, why)
                 if stroke.stop:
                     self._areas.alerts.alarm.sound()
                 return
-        button = _meant(screen, stroke, kart)
-        shown = self._areas.seen.seen(at)
-        if button is not None and shown is not None and not button.is_instant:
-            there = kart if stroke.finish is None else _kart_at(shown.screen, stroke.finish)
-            seen = _meant(shown.screen, stroke, there)
-            if seen is None or not seen.is_same_command(button):
-                self._presses.refuse_changed(button)
-                return
-        if button is not None:
+        button, shown = _meant(screen, stroke, kart), self._areas.seen.seen(at)
+        seen = button if shown is None else _meant(shown.screen, stroke, kart)
+        if button is None:
+            if stroke.finish is not None:
+                self._chosen.clear()
+                self._bottom.say_unsent(FINISH_KEYS[stroke.finish], 'no kart has this letter.')
+        elif button.is_instant or (seen is not None and seen.is_same_command(button)):
             self._presses.press(button)
+        else:
+            self._presses.refuse_changed(button)
 
     def _cancel(self) -> None:
         """Delete the typed number; if no number is typed, close the open sheets."""
@@ -526,14 +502,9 @@ def _name(event: QtGui.QKeyEvent) -> str:
     return keys.key_name(name, typed, event.nativeScanCode())
 
 
-def _kart_at(screen: Screen, place: int) -> int:
-    """Return the number of the kart at a position on the roster; 0 if no kart is there."""
-    return screen.rows[place].number if place < len(screen.rows) else 0
-
-
 def _meant(screen: Screen, stroke: Stroke, kart: int) -> Button | None:
     """Return the button that a key presses; ``kart`` is 0 if its command needs no kart."""
     if stroke.finish is not None:
-        return screen.letter(kart)
+        return next((row.letter for row in screen.rows[stroke.finish :]), None)
     found = (screen.button(command, kart) for command in stroke.commands)
     return next((each for each in found if each is not None), None)

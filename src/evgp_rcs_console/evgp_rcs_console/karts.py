@@ -9,8 +9,6 @@ If the rows do not all fit, a line of tiles above them keeps all karts in sight.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.style import FILLS, GAP, LARGE, look, RADIUS, SMALL, TEXT
@@ -299,7 +297,7 @@ class KartList(Panel):
         self._tiles.hide()
         self.table.setItemDelegate(self._delegate)
         self.table.pressed.connect(lambda index: self.chosen.emit(self.numbers[index.row()]))
-        self.table.entered.connect(lambda index: self.pointed.emit(self.cut(index.row())))
+        self.table.entered.connect(lambda index: self.pointed.emit(self.whole(index.row())))
         self.table.viewportEntered.connect(lambda: self.pointed.emit(''))
         lay(self, [self._tiles], [self.table], margins=(1, 1, 1, 1), heights=(0, 1))
 
@@ -314,17 +312,21 @@ class KartList(Panel):
         first, last = (header.sectionViewportPosition(column) for column in (1, len(COLUMNS)))
         return table.adjusted(first, 0, last - look.px(GAP) - table.width(), 0)
 
-    def cut(self, place: int, columns: Sequence[int] = range(len(COLUMNS))) -> str:
-        """Return the full text of some columns of a row; empty if none of the text is cut off."""
-        cells = [self.table.model().index(place, column) for column in columns]
-        row, nowhere = self.table.rows[place], QtGui.QPicture()
+    def whole(self, place: int) -> str:
+        """Return the full text of a row; empty if none of the text is cut off."""
+        said = [self.table.item(place, column).text() for column in range(len(COLUMNS))]
+        return ', '.join(filter(None, said)) if self.cut(place) else ''
+
+    def cut(self, place: int) -> list[int]:
+        """Return the columns of a row in which text is cut off."""
+        found, nowhere = [], QtGui.QPicture()
         painter = QtGui.QPainter(nowhere)
-        shown = [
-            self._delegate.draw_cell(painter, row, each.column(), self.table.visualRect(each))
-            for each in cells
-        ]
+        for column in range(len(COLUMNS)):
+            room = self.table.visualRect(self.table.model().index(place, column))
+            if not self._delegate.draw_cell(painter, self.table.rows[place], column, room):
+                found.append(column)
         painter.end()
-        return '' if all(shown) else ', '.join(filter(None, (each.data() for each in cells)))
+        return found
 
     def mark(self, number: int) -> None:
         """Mark the kart that commands by key act on; 0 marks no kart."""

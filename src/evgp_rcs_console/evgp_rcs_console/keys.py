@@ -175,27 +175,28 @@ class KartField:
         """React to a change of the field; the subclass that shows the field overrides this."""
 
     @property
+    def _number(self) -> int:
+        return int(self.digits) if self.digits else self._chosen
+
+    @property
     def kart(self) -> int:
         """Return the kart that a command would act on now; 0 for no kart."""
-        number = int(self.digits) if self.digits else self._chosen
-        return number if number in self._teams else 0
+        return self._number if self._number in self._teams else 0
+
+    def _set(self, digits: str, at: float = 0.0, refusal: str = '') -> None:
+        self.digits, self._since, self._refusal = digits, at, refusal
+        self.changed()
 
     def add(self, digit: str, at: float) -> None:
         """Add a digit, typed at a time (s)."""
         self.expire(at)
-        # Surplus digits are ignored; otherwise the field would show only the end of a number.
-        self.digits += digit if len(self.digits) < MOST_DIGITS else ''
-        self._since = at
         self._chosen = 0
-        self._refusal = ''
-        self.changed()
+        # Surplus digits are ignored; otherwise the field would show only the end of a number.
+        self._set((self.digits + digit)[:MOST_DIGITS], at)
 
     def erase(self, at: float) -> None:
         self.expire(at)
-        self.digits = self.digits[:-1]
-        self._since = at
-        self._refusal = ''
-        self.changed()
+        self._set(self.digits[:-1], at)
 
     def choose(self, kart: int) -> None:
         self._chosen = kart
@@ -203,9 +204,7 @@ class KartField:
 
     def clear(self) -> None:
         """Clear the typed digits; a kart that was chosen in the list stays chosen."""
-        self.digits = ''
-        self._refusal = ''
-        self.changed()
+        self._set('')
 
     def expire(self, now: float) -> None:
         """Clear the digits or the refusal if they are too old at a time (s)."""
@@ -232,23 +231,19 @@ class KartField:
             why = f'{before} was typed too long ago. Type it again.'
         else:
             why = 'no kart is chosen. Type a number first.'
-        self._refusal = f'NO KART {self.digits or before or "?"}'
-        self._since = at
-        self.digits = ''
-        self.changed()
+        self._set('', at, refusal=f'NO KART {self.digits or before or "?"}')
         return 0, why
 
     def cells(self) -> tuple[Cell, Cell]:
         """Return the field's large text and the explanation beside it."""
         if self._refusal:
             return Cell(self._refusal, Tone.BAD), Cell('nothing was sent', Tone.BAD)
-        number = int(self.digits) if self.digits else self._chosen
+        number = self._number
         if number in self._teams:
             return Cell(f'KART {number}'), Cell(self._teams[number])
         if not self.digits and not self._chosen:
             return Cell('', Tone.FAINT), Cell('Type a kart number', Tone.FAINT)
-        begun = [each for each in self._teams if str(each).startswith(str(number))]
-        if begun and number:
-            title = Cell(f'{number} …', Tone.WAIT)
-            return title, Cell(f'no kart {number}: keep typing', Tone.WAIT)
+        if number and any(str(each).startswith(str(number)) for each in self._teams):
+            more = f'no kart {number}: keep typing'
+            return Cell(f'{number} …', Tone.WAIT), Cell(more, Tone.WAIT)
         return Cell(f'NO KART {number}', Tone.BAD), Cell('not in the roster', Tone.BAD)

@@ -5,15 +5,13 @@
 Saves settings on this machine: the name of its official, and whether the window is dark.
 
 Commands carry the official's name, if it is known. It can be given at the start; otherwise the
-programs ask for it once and save it in a text file, which the window and `rcs_ctl` share. This
-module uses neither Qt nor ROS.
+programs ask for it once and save it. Each setting is a line in a text file of its own, so that the
+window and `rcs_ctl` share the name. This module uses neither Qt nor ROS.
 """
 
 from __future__ import annotations
 
-import contextlib
 import os
-import pathlib
 import platform
 import sys
 import threading
@@ -22,8 +20,11 @@ from evgp_node.folder import rcs_folder
 from evgp_node.official import claim, tidy
 from evgp_rcs_console import texts
 
+NAME, NIGHT = 'official', 'night'
+"""The settings, by the names of their files."""
+
 MOST_BYTES = 4096
-"""Maximum number of bytes read from the file."""
+"""Maximum number of bytes read from a file."""
 
 
 class Signature:
@@ -36,7 +37,7 @@ class Signature:
     """
 
     def __init__(self, name: str = '', process: int | None = None) -> None:
-        self.name = tidy(name) or kept_name() or ''
+        self.name = tidy(name) or kept(NAME) or ''
         self._process = process
 
     @property
@@ -44,66 +45,45 @@ class Signature:
         return claim(self.name, platform.node(), self._process)
 
     def sign(self, name: str) -> None:
-        """Use a name from now on, and save it in another thread, because the disk may hang."""
+        """Use a name from now on, and save it."""
         self.name = tidy(name)
-        threading.Thread(target=self._keep, args=(self.name,), daemon=True).start()
-
-    def _keep(self, name: str) -> None:
-        try:
-            keep_name(name)
-        except (OSError, RuntimeError) as error:
-            print(texts.NAME_NOT_KEPT.format(error=error), file=sys.stderr)
+        keep_soon(NAME, self.name)
 
 
-def file_of_name() -> pathlib.Path:
-    return rcs_folder() / 'official'
-
-
-def kept_name() -> str | None:
-    """Return the saved name; None if none was ever saved or it cannot be read."""
+def kept(setting: str) -> str | None:
+    """Return a setting; None if it was never saved or cannot be read."""
     try:
         # Whatever the path is, even a pipe, this must not block.
         flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
-        with os.fdopen(os.open(file_of_name(), flags), 'rb', buffering=0) as file:
+        with os.fdopen(os.open(rcs_folder() / setting, flags), 'rb', buffering=0) as file:
             data = file.read(MOST_BYTES)
     except (OSError, RuntimeError):
         return None
     return tidy((data or b'').decode(errors='replace'))
 
 
-def keep_name(name: str) -> None:
+def keep(setting: str, text: str) -> None:
     """
-    Save a name for the next start. An empty one means that the official wants no name.
+    Save a setting for the next start. An empty name means that the official wants no name.
 
     :raises OSError: if it cannot be written.
     :raises RuntimeError: if there is no home folder.
     """
-    _keep(file_of_name(), f'{tidy(name)}\n')
-
-
-def is_night() -> bool:
-    try:
-        return (rcs_folder() / 'night').exists()
-    except (OSError, RuntimeError):
-        return False
-
-
-def keep_night(night: bool) -> None:
-    """Save whether the window is dark, in another thread, because the disk may hang."""
-
-    def keep() -> None:
-        with contextlib.suppress(OSError, RuntimeError):
-            if night:
-                _keep(rcs_folder() / 'night', '')
-            else:
-                (rcs_folder() / 'night').unlink(missing_ok=True)
-
-    threading.Thread(target=keep, daemon=True).start()
-
-
-def _keep(path: pathlib.Path, text: str) -> None:
+    path = rcs_folder() / setting
     path.parent.mkdir(parents=True, exist_ok=True)
     # The file is replaced in one step, because another program may be reading it.
     other = path.with_name(f'.{path.name}-{os.getpid()}')
-    other.write_text(text, encoding='utf-8')
+    other.write_text(f'{tidy(text)}\n', encoding='utf-8')
     other.replace(path)
+
+
+def keep_soon(setting: str, text: str) -> None:
+    """Save a setting in another thread, because the disk may hang."""
+
+    def save() -> None:
+        try:
+            keep(setting, text)
+        except (OSError, RuntimeError) as error:
+            print(texts.NOT_KEPT.format(error=error), file=sys.stderr)
+
+    threading.Thread(target=save, daemon=True).start()

@@ -131,8 +131,7 @@ class Question(Sheet):
             yes.setEnabled(True)
         # At first, YES ignores clicks: one may be the second click of a double click.
         self._settling.start(round(SEEN * 1000))
-        command = texts.command_name(button.command, button.kart)
-        self.title.show_text(f'{command}?')
+        self.title.show_text(f'{button.name}?')
         condition = button.question().condition
         self._ask(button.question())
         self.yes.show_words('YES', 'Y', condition[:1].upper() + condition[1:])

@@ -25,19 +25,6 @@ TITLE = 'EVGP race control'
 
 BANNER = '=== {banner} ==='
 
-BUTTON_NOT_ALLOWED = (
-    'This user is not allowed to read the device. Run sudo usermod -aG input $USER, then log out '
-    'and back in'
-)
-BUTTON_GONE = 'The device is not connected. Plug it in'
-BUTTON_HELD = 'A key is held down. Release it so that it can send ALL KILL again'
-BUTTON_ASLEEP = 'The USB port is asleep. Turn USB power saving off'
-BUTTON_DROPPED = (
-    'The ALL KILL pressed {age} s ago is no longer being sent, because another race has begun '
-    'since then. Press again to stop that race'
-)
-BUTTON_NONE = 'No connected device can serve as a stop button. Plug one in'
-BUTTON_TRY = 'Press each button to test it. Nothing is sent. Ctrl-C ends the test'
 
 HOW_TO_BEGIN = (
     '1  List the karts in a roster. Start race control: make run ROSTER=… Each kart gets a row.',
@@ -51,7 +38,6 @@ MAY_MOVE = 'may be moving'
 MSR_STOPS_IT = 'only the MSR can stop it: make it safe once the track is open'
 HELD = 'held: {reason}'
 LAST_LAP_DONE = 'last lap done: FINISH'
-SETTLING = '… wait {seconds} s'
 ANSWERS = {
     RaceState.GRID_ACTIVE: '✓ ready',
     RaceState.GREEN_GREEN: '✓ driving',
@@ -132,12 +118,9 @@ NO_TIMING_REASON = (
 )
 
 RESULT_HEADINGS = ('', 'Kart', 'Team', 'Laps', 'Total', 'Last', 'Best', 'Status, penalties')
-PASSINGS = 'Passings: time since GREEN GREEN, kart, source, session and number, outcome'
-RACES = 'Races: number, time the grid formed, heat, classified karts'
 
 NAME_IS = 'Name: {name}'
-NAME_NOT_KEPT = 'Your name was not saved for the next start: {error}'
-NAME_PROMPT = 'Your name, for the record (Enter also sends {command}; Ctrl-C sends nothing): '
+NOT_KEPT = 'Your choice was not saved for the next start: {error}'
 
 NO_QT = (
     "rcs_gui: Qt for Python or one of its libraries is missing. Install it with 'apt-get install "

@@ -143,6 +143,10 @@ class Button:
         return self.gives.kart
 
     @property
+    def name(self) -> str:
+        return texts.command_name(self.command, self.kart)
+
+    @property
     def is_stop(self) -> bool:
         return CATALOGUE[self.command].stop
 
@@ -164,8 +168,7 @@ class Button:
     @property
     def explanation(self) -> str:
         """Return why the command is not possible; empty if it is possible."""
-        name = texts.command_name(self.command, self.kart)
-        return f'{name}: {self.reason}' if self.reason else ''
+        return f'{self.name}: {self.reason}' if self.reason else ''
 
 
 @dataclass(frozen=True)
@@ -265,6 +268,10 @@ class Screen:
     @property
     def stale(self) -> bool:
         return self.danger is not None and self.danger.stale
+
+    @property
+    def danger_title(self) -> str:
+        return self.danger.title if self.danger is not None else ''
 
     @property
     def teams(self) -> dict[int, str]:
@@ -836,15 +843,13 @@ def _answer(kart: KartSnapshot, now: float, missing: Tone) -> Cell:
     if kart.acknowledged and kart.in_doubt:
         if kart.settles_at is None:  # it moved, and no waiting ends the doubt
             return Cell('! may move', Tone.BAD)
-        left = texts.left(kart.settles_at - now)
-        return Cell(texts.SETTLING.format(seconds=left), Tone.WAIT)
+        return Cell(f'… wait {texts.left(kart.settles_at - now)} s', Tone.WAIT)
     if kart.acknowledged:
         return Cell(texts.ANSWERS[kart.sent], Tone.GOOD)
     if kart.stopped_itself:
         return Cell('! stopped itself', Tone.BAD)
     if kart.counts_at is not None and kart.counts_at > now:
-        left = texts.left(kart.counts_at - now)
-        return Cell(f'… in {left} s', Tone.WAIT)
+        return Cell(f'… in {texts.left(kart.counts_at - now)} s', Tone.WAIT)
     return Cell('… not yet', Tone.WAIT)
 
 

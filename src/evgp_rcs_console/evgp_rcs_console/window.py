@@ -12,11 +12,11 @@ from __future__ import annotations
 
 from evgp_protocol import clock
 from evgp_rcs.words import Tone
-from evgp_rcs_console import texts
+from evgp_rcs_console import settings, texts
 from evgp_rcs_console.display import Areas, Display, Inbox
 from evgp_rcs_console.input import CommandInput, Give, Keyboard, LateInput, Mouse
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
-from evgp_rcs_console.settings import is_night, Signature
+from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.style import DAY, look, NIGHT
 
 LOOK = 100
@@ -30,12 +30,11 @@ class ConsoleWindow(Areas):
         super().__init__(inbox.names)
         self.setWindowTitle(texts.TITLE)
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
-        look.palette = NIGHT if is_night() else DAY
+        look.palette = NIGHT if settings.kept(settings.NIGHT) else DAY
         self.display = display = Display(self, looking, inbox)
         self._late = LateInput(LOOK / 1000, display)
         presses = CommandInput(give, signature, display, self._late)
-        self._mouse = Mouse(presses, self._late)
-        self._keyboard = Keyboard(presses, self._late)
+        self._mouse, self._keyboard = Mouse(presses), Keyboard(presses)
         chosen, bottom = display.chosen, display.bottom
 
         self.commanded.connect(presses.let_go)

@@ -10,8 +10,9 @@ import os
 import pathlib
 import threading
 
+from evgp_node.folder import rcs_folder
 from evgp_node.official import MOST
-from evgp_rcs_console.settings import file_of_name, keep_name, kept_name, Signature
+from evgp_rcs_console.settings import keep, kept, NAME, Signature
 import pytest
 
 
@@ -19,18 +20,18 @@ import pytest
 def kept_in(monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path) -> pathlib.Path:
     """Return the file in which the name is kept; it does not exist yet."""
     monkeypatch.setenv('ROS_HOME', str(tmp_path / 'ros'))
-    return file_of_name()
+    return rcs_folder() / 'official'
 
 
 def wait_for_writers() -> None:
     """Return once no other thread of this process writes a name."""
     for thread in threading.enumerate():
-        if thread.name.endswith('(_keep)'):  # Python calls it after what it runs
+        if thread.name.endswith('(save)'):  # Python calls it after what it runs
             thread.join(10)
 
 
 def test_a_name_is_kept_as_plain_text_and_read_at_the_next_start(kept_in: pathlib.Path) -> None:
-    assert kept_name() is None
+    assert kept(NAME) is None
     signature = Signature(process=4711)
     assert signature.name == ''
 
@@ -45,16 +46,16 @@ def test_a_name_is_kept_as_plain_text_and_read_at_the_next_start(kept_in: pathli
 
 
 def test_a_name_given_at_start_goes_before_the_one_that_is_kept(kept_in: pathlib.Path) -> None:
-    keep_name('Anna')
+    keep(NAME, 'Anna')
 
     assert Signature('Bob').name == 'Bob'
-    assert kept_name() == 'Anna'
+    assert kept(NAME) == 'Anna'
 
 
 def test_an_official_who_wants_no_name_has_been_asked(kept_in: pathlib.Path) -> None:
-    keep_name('')
+    keep(NAME, '')
 
-    assert kept_name() == ''
+    assert kept(NAME) == ''
     assert Signature().name == ''
 
 
