@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import contextlib
-from dataclasses import dataclass
 import math
 import os
 import sys
@@ -46,15 +45,6 @@ does not count the button as working. It is shorter than the usual ``nobody_ther
 race control could stop the new race because no official could."""
 
 
-@dataclass(frozen=True)
-class ButtonSettings:
-    """The parameters, which `read_settings` describes."""
-
-    device: str
-    key: int
-    official: str
-
-
 class StopButton(StrictNode):
     """
     The node of one button.
@@ -65,9 +55,9 @@ class StopButton(StrictNode):
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         super().__init__('rcs_button', **node_options)
-        self._settings = read_settings(self)
-        self._signature = Signature(self._settings.official, os.getpid())
-        self._presses = PressCounter(self._settings.key)
+        self._device, key, official = read_settings(self)
+        self._signature = Signature(official, os.getpid())
+        self._presses = PressCounter(key)
         self._said = ('?', 0)
         self._due = 0.0
         self._heard = Hearing()
@@ -99,9 +89,8 @@ class StopButton(StrictNode):
     # ----- in the thread of the device ----------------------------------------------------
 
     def _run(self) -> None:
-        settings, ending = self._settings, self._ending
         try:
-            attend(settings.device, self._presses, self._kill, self._look, ending)
+            attend(self._device, self._presses, self._kill, self._look, self._ending)
         except BaseException as error:  # noqa: BLE001 - handed on
             self._on_failure(error)
 
@@ -147,24 +136,22 @@ class StopButton(StrictNode):
         self._client.announce(self._signature.name, fault, self._presses.count)
 
 
-def read_settings(node: StrictNode) -> ButtonSettings:
+def read_settings(node: StrictNode) -> tuple[str, int, str]:
     """
-    Declare every parameter of the node.
+    Declare every parameter of the node, and return the device, the key and the official.
 
     :raises ParameterError: if a parameter is wrong.
     """
     declare = node.declare
-    settings = ButtonSettings(
-        device=declare('device', '', 'Path of the device, by a name that never changes.'),
-        key=declare('key', 0, 'Code of the only key that sends ALL KILL; 0: every key.', (0, 767)),
-        official=declare('official', '', 'Official at the button; empty: the saved name.'),
-    )
+    device = declare('device', '', 'Path of the device, by a name that never changes.')
+    key = declare('key', 0, 'Code of the only key that sends ALL KILL; 0: every key.', (0, 767))
+    official = declare('official', '', 'Official at the button; empty: the saved name.')
     node.refuse_unknown()
-    if not settings.device.startswith('/'):
+    if not device.startswith('/'):
         raise ParameterError(
             'parameter device: give a path such as /dev/input/by-id/...; rcs_button test lists all'
         )
-    return settings
+    return device, key, official
 
 
 def show(paths: Sequence[str]) -> int:

@@ -247,6 +247,7 @@ class Inbox(QtCore.QObject):
     answer = Signal(object, object)
     pressing = Signal(object)
     dropped = Signal(object, str)
+    battery = Signal(object)
 
     def __init__(self) -> None:
         super().__init__()

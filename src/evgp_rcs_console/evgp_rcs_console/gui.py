@@ -92,10 +92,7 @@ def main(
     # Without a window manager, as on a screen for this window alone, nothing maximises it.
     window.setGeometry(application.primaryScreen().availableGeometry())
     window.showMaximized()
-    battery = QtCore.QTimer(window)
-    level = Battery()
-    battery.timeout.connect(lambda: window.foot.show_battery(level.low))
-    battery.start(1000)
+    threading.Thread(target=watch_battery, args=[inbox.battery.emit], daemon=True).start()
     # The thread that handles keys and clicks announces the window, so that the announcements end
     # if it hangs.
     there = QtCore.QTimer(window)
@@ -139,17 +136,11 @@ def keep_awake() -> None:
     bus.asyncCall(call)
 
 
-class Battery:
-    """The battery of this machine, which a thread reads because some batteries answer slowly."""
-
-    def __init__(self) -> None:
-        self.low: int | None = None
-        threading.Thread(target=self._read, name='battery', daemon=True).start()
-
-    def _read(self) -> None:
-        while True:
-            self.low = low_battery(pathlib.Path('/sys/class/power_supply'))
-            time.sleep(BATTERY_PERIOD)
+def watch_battery(show: Callable[[int | None], object]) -> None:
+    """Have the charge of a low battery shown, in a thread, as some batteries answer slowly."""
+    while True:
+        show(low_battery(pathlib.Path('/sys/class/power_supply')))
+        time.sleep(BATTERY_PERIOD)
 
 
 def low_battery(folder: pathlib.Path) -> int | None:

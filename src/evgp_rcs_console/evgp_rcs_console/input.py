@@ -504,7 +504,7 @@ def _name(event: QtGui.QKeyEvent) -> str:
 
 def _meant(screen: Screen, stroke: Stroke, kart: int) -> Button | None:
     """Return the button that a key presses; ``kart`` is 0 if its command needs no kart."""
-    if stroke.finish is not None:
-        return next((row.letter for row in screen.rows[stroke.finish :]), None)
+    if (place := stroke.finish) is not None:
+        return next((row.letter for row in screen.rows[place:]), None)
     found = (screen.button(command, kart) for command in stroke.commands)
     return next((each for each in found if each is not None), None)

@@ -101,7 +101,12 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         is_team = column == TEAM
         wide = QtGui.QFontMetrics(small).horizontalAdvance(below.text) + look.px(6)
         is_long = is_team and wide > room.width()
-        upper, lower = _halves(room, is_long)
+        inner = _centred(room, 56 if is_long else 38)
+        half = min(inner.height() * 11 // 20, look.px(21))
+        upper, lower = (
+            inner.adjusted(0, 0, 0, half - inner.height()),
+            inner.adjusted(0, half, 0, 0),
+        )
         if is_team and below.text and row.use_msr:
             ground = lower if is_long else lower.adjusted(0, 0, 0, look.px(2))
             faint, fill = FILLS[Tone.BAD]
@@ -166,13 +171,6 @@ def _box(
 def _centred(room: QtCore.QRect, height: int) -> QtCore.QRect:
     high = min(room.height() - look.px(4), look.px(height))
     return QtCore.QRect(room.left(), room.top() + (room.height() - high) // 2, room.width(), high)
-
-
-def _halves(room: QtCore.QRect, is_long: bool = False) -> tuple[QtCore.QRect, QtCore.QRect]:
-    """Return the room for a text, and for the small text under it (two lines if long)."""
-    inner = _centred(room, 56 if is_long else 38)
-    upper = min(inner.height() * 11 // 20, look.px(21)) - inner.height()
-    return inner.adjusted(0, 0, 0, upper), inner.adjusted(0, inner.height() + upper, 0, 0)
 
 
 ANSWERED = {Tone.GOOD: '✓', Tone.WAIT: '…', Tone.BAD: '!'}

@@ -59,6 +59,7 @@ class ConsoleWindow(Areas):
         inbox.answer.connect(display.take_answer, queued)
         inbox.pressing.connect(display.take_pressing, queued)
         inbox.dropped.connect(presses.take_dropped, queued)
+        inbox.battery.connect(self.foot.show_battery, queued)
         self._timer = QtCore.QTimer(self)
         self._timer.timeout.connect(self.look)
         self._timer.start(LOOK)
