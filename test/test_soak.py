@@ -71,7 +71,7 @@ FAULTS = {
     **faults_in(
         """
 GRID_ACTIVE from a race under way: not from the garage, impossible change, looser than a stop
-    COMMANDS: GRID_ACTIVE states IN_GARAGE #1 => (IN_GARAGE, GRID_ACTIVE, RED_FLAG, RED_RED)
+    COMMANDS: IN_GARAGE GRID_ACTIVE #1 => (IN_GARAGE, GRID_ACTIVE, RED_FLAG, RED_RED)
 a kart outside the race races: outside the race
     _commanded: state in_race => self.state
 """

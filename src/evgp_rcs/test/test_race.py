@@ -690,11 +690,11 @@ def test_while_the_record_fails_the_refusal_of_a_start_names_the_remedy(
 
 
 def test_a_record_that_fails_in_other_words_is_no_new_alert(officials: Officials) -> None:
-    officials.race.record_trouble('disk full; 1 event waits', officials.now)
+    officials.race.record_trouble('Disk full; 1 event waits', officials.now)
     officials.wait(0.1)
-    officials.race.record_trouble('disk full; 2 events wait', officials.now)
+    officials.race.record_trouble('Disk full; 2 events wait', officials.now)
     assert not officials.wait(0.1).events
-    assert officials.alerts() == {AlertKind.RECORD_FAILING: 'disk full; 2 events wait'}
+    assert officials.alerts() == {AlertKind.RECORD_FAILING: 'Disk full; 2 events wait'}
 
 
 def test_of_a_kart_that_left_the_roster_it_is_said_what_to_do() -> None:

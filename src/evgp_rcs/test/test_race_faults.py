@@ -111,9 +111,8 @@ an acknowledgement of GREEN_GREEN is not heard: ack-deaf heard: sent == => state
 no acknowledgement is heard: ack-deaf, stuck heard: serial == => serial > kart.serial
 time acknowledges: ack-from-nothing tick: after _settle: kart.acknowledged = kart.connected
 an order to a kart that is not connected: order-wrong, restart _redirect: always connected
-a stop is announced as allowed, and refused: stop-refused _refusal_of: after _paused: if
-    command.kind is CommandKind.ALL_KILL and self.state is IN_GARAGE: ¶> refusal = 'nothing is
-    under way'
+a stop is announced as allowed, and refused: stop-refused _refusal_of: after availability: if kind
+    is CommandKind.ALL_KILL and self.state is IN_GARAGE: ¶> return 'nothing is under way'
 an acknowledgement survives the connection: ack-survives _drop: skips _void_answers
 a new connection goes on under the old serial: order-serial _redirect: 1 => changed
 a reconnection lets a hold be forgotten: hold-forgotten, red-loosened connected: went_silent_at =>
@@ -123,12 +122,12 @@ a kart that drops in RED_FLAG is not held: drop-not-held [green] _drop: state GR
 a kart that drops is held in RED_FLAG only: drop-not-held _drop: RED_RED #1 => RED_FLAG
 a kart that is replaced while connected does not count as dropped: drop-not-held, alerts connected:
     skips _drop
-RED_FLAG loosens RED_RED: stop-loosens, stop-idempotent, red-loosened _red_flag: stricter RED_FLAG
-    state #1 => RED_FLAG
-a later hold loosens an earlier one: stop-loosens, stop-idempotent, hold-forgotten _hold: hold or
-    => kart.hold is not hold
-a stop is refused to a kart outside the race: availability, stop-refused COMMANDS: _stop_kart
-    KART_RED_RED => Rule(Race._stop_kart, Race._no_release)
+RED_FLAG loosens RED_RED: stop-loosens, stop-idempotent, red-loosened _red_flag: never RED_RED
+a later hold loosens an earlier one: stop-loosens, stop-idempotent, hold-forgotten _hold: stricter
+    hold => hold
+a stop is refused to a kart outside the race: availability, stop-refused _refusals: first: if kind
+    is CommandKind.KART_RED_RED and not kart.sent.is_red: ¶> yield f'{kart} is not being sent a
+    red'
 a stop that is in force is sent again and its acknowledgement falls: stop-idempotent _redirect:
     resend changed => changed or resend or state is RED_RED
 a kart is not told at once: stop-at-once, sent-wrong, restart _hold: skips _redirect
@@ -138,10 +137,11 @@ GREEN_GREEN after another command than GRID_ACTIVE: available-from, availability
     CommandKind.GRID_ACTIVE
 closing the track comes between GRID_ACTIVE and GREEN_GREEN: availability [grid] _decide:
     bookkeeping => it and command.kind is not CommandKind.CLOSE_TRACK
-GREEN_GREEN while a kart is not connected: availability, green-needs-acks _no_green_green:
-    connected not => each.connected and (not each.acknowledged)
+GREEN_GREEN while a kart is not connected: availability, green-needs-acks _refusals: racing
+    _unanswered => self._unanswered(each for each in self.racing() if each.connected)
 GREEN_GREEN while a kart has not acknowledged: availability, green-needs-acks, refusal-silent
-    _no_green_green: without acknowledged
+    _refusals: racing _unanswered => self._unanswered(each for each in self.racing() if not
+    each.connected)
 GRID_ACTIVE while a kart is held: availability _no_race: _held racing => _held(each for each in
     racing if each.hold is RED_FLAG)
 GRID_ACTIVE without the statement that the track is clear: statement COMMANDS: clear => ''
@@ -149,21 +149,22 @@ joining the race releases a held kart: membership-loosens, hold-forgotten _join_
     in_race: self._unhold(kart)
 a kart that is taken out on the grid is not held: effect, sent-wrong _leave_race: _hold out =>
     self._redirect(kart, now)
-a kart leaves the race while it drives: availability COMMANDS: states LEAVE_RACE =>
-    Rule(Race._leave_race, Race._no_leave)
-IN_GARAGE while a kart is silent: availability _no_in_garage: answered => it or each.hold
+a kart leaves the race while it drives: availability COMMANDS: LEAVE_RACE _leave_race =>
+    Rule(Race._leave_race)
+IN_GARAGE while a kart is silent: availability _refusals: _waited_for _unanswered =>
+    self._unanswered(each for each in self._waited_for() if not each.hold)
 IN_GARAGE releases a kart that never acknowledged its red: hold-forgotten, red-loosened, as-seen,
     stuck _released_by_garage: always stands
-IN_GARAGE leaves the use of the MSR in force for the next race: effect _race_in_garage: skips
+IN_GARAGE leaves the use of the MSR in force for the next race: effect _race_in_garage: without
     msr_used
-a release without the statement that a silent kart was made safe: statement _state_made_safe:
-    stands was => ''
+a release without the statement that a silent kart was made safe: statement COMMANDS: stands was =>
+    ''
 a kart released during a race goes on with the race: effect, sent-wrong, red-to-green,
     green-only-by-command _release_kart: state IN_GARAGE => self.state is RED_RED
 a finish stops the kart on the finish line: sent-wrong, effect tick: without finish_due >=
 a finish is never followed by RED_FLAG: sent-wrong, finish-put-off [green] tick: skips _hold
 every place has the delay of the first: effect finish_delay: finish_delays - => 0
-a kart finishes twice: availability _no_finish: place #1 => it > 1
+a kart finishes twice: availability _refusals: place #1 => it > 1
 a finish that is undone ends the hold of the kart: red-loosened, hold-forgotten [green]
     _kart_undo_finish: before attempt: if kart.finish_due is None: ¶> self._unhold(kart) ¶>
     self._redirect(kart, now)
@@ -171,15 +172,15 @@ a finish that is undone sends the kart on: green-needs-grid, red-loosened, green
     [green] _kart_undo_finish: before attempt: if self.state is RED_FLAG: ¶>
     self._go(GREEN_GREEN, now)
 later places stay when a finish is undone: effect [two in green] _kart_undo_finish: skips place -
-a finish is undone when the order of FINISH was told: availability [green] _no_undo_finish: never
-    number
+a finish is undone when the order of FINISH was told: availability [green] _refusals: never
+    starters
 a finish is undone without the statement that the kart has not finished: statement COMMANDS: kart
     has => ''
 the race goes over while a finish is outstanding: sent-wrong, effect _all_have_finished:
     without finish_due
 the race goes over when the first kart has finished: sent-wrong, effect [two in green]
     _all_have_finished: all ( => any(kart.place and kart.finish_due is None for kart in racing)
-humans may be on the track while the race drives: track-access, availability _humans_allowed: state
+humans may be on the track while the race drives: track-access, availability track_access: state
     GREEN_GREEN => self.state is GRID_ACTIVE
 the track stays open when the grid forms: track-open-in-motion _grid_active: without track_open
 the track closes for the grid whoever has been let onto it since: as-seen _misnamed: opening != =>
@@ -200,7 +201,7 @@ a kart that was told to go counts as standing: doubt-unnoticed, effect _redirect
     _covered_by_statement not => state is not GREEN_GREEN and it
 a refused command takes GREEN_GREEN away: refused-changes _decide: after refused:
     if refusal: ¶> self.grid_was_last = False
-a refusal does not name the kart: refusal-silent _no_green_green: _silence f =>
+a refusal does not name the kart: refusal-silent _unanswered: _silence f =>
     f'{self._silence(each)}'
 looking at alerts acts: alerts-act alerts: first: self.track_open = False
 a lost kart raises no alert: effect, alerts _drop: doubt under_way => under_way and
@@ -218,8 +219,8 @@ a heat releases the karts that it puts into the race: membership-loosens, hold-f
     after number: if each.in_race: ¶> self._unhold(each)
 a heat that takes a kart out forgets that it may be moving: doubt-forgotten [two] _set_heat: after
     number: each.doubt = each.doubt if each.in_race else Doubt.NONE
-a heat is put into a race that is under way: availability COMMANDS: states SET_HEAT =>
-    Rule(Race._set_heat, Race._no_set_heat)
+a heat is put into a race that is under way: availability COMMANDS: SET_HEAT _set_heat =>
+    Rule(Race._set_heat)
 a heat that the roster does not have empties the race: availability, heat-halved, effect
     _no_such_heat: first: if name == 'no such heat': ¶> self.heats += (Heat(name, ()),)
 a heat that is not in the roster is refused without those that are: refusal-silent _no_such_heat:
@@ -234,7 +235,7 @@ the order of FINISH leaves out who did not finish: results _report_order_of_fini
     and each.in_race
 a restart forgets that the order of FINISH was never told: restart recover: memory starters => ()
 a crash as the race starts forgets who started: restart command: racing ( => ()
-a kart that is held is given a place: availability _no_finish: skips hold
+a kart that is held is given a place: availability _refusals: skips hold
 an unanswered stop leaves no doubt: doubt-unnoticed, alarm-cleared _redirect: _covered_by_statement
     not => state is GREEN_GREEN and it
 a kart told to form the grid leaves no doubt: doubt-unnoticed _redirect: skips GRID
@@ -262,12 +263,12 @@ a kart in the garage that was seen to move lets humans on the track: track-acces
 the grid forms with a kart that was seen to move: availability [around] _no_race: may_be_moving =>
     each.hold
 GREEN_GREEN counts the acknowledgement of a red: availability, green-needs-acks, refusal-silent
-    [around] _no_green_green: _no_race ( => ''
+    [around] _refusals: _no_race ( #2 => ()
 IN_GARAGE does not wait for a lost kart: availability _waited_for: without in_race msr_used
 IN_GARAGE waits for lost karts in spite of the MSR: availability, stuck _waited_for: always
     msr_used not
-IN_GARAGE after the grid forgets a kart that was lost there: availability _no_in_garage: without
-    doubt connected
+IN_GARAGE after the grid forgets a kart that was lost there: availability _refusals: without doubt
+    connected
 a release by hand leaves the doubt: effect, stuck _release_kart: skips _end_doubt
 a kart that says another state stands by its acknowledgement: ack-stale heard: never sent
     acknowledged
@@ -279,37 +280,37 @@ IN_GARAGE releases a kart outside the race that was held alone: alone-released, 
     _released_by_garage: without in_race held_alone
 ALL_KILL hides that a kart was held alone: effect, stop-idempotent _all_kill: after _hold:
     each.held_alone = False
-a kart held by ALL_KILL already is not held alone: effect _hold: instead of held_alone or #2: if
-    stricter_than_before: ¶> kart.held_alone = kart.held_alone or alone
-a start need not be as the official saw it: as-seen _not_as_seen: karts == => command.karts <=
+a kart held by ALL_KILL already is not held alone: effect _hold: held_alone or => kart.held_alone
+    or (alone and before[0] is not kart.hold)
+a start need not be as the official saw it: as-seen _misnamed: karts == => command.karts <=
     concerned
-a kart is released whatever hold the official saw: as-seen _held_otherwise: instead of hold return:
-    if seen or not kart.hold: ¶> return ''
+a kart is released whatever hold the official saw: as-seen _misnamed: command hold is => it and
+    command.hold is None
 a start is announced for all karts of the roster: as-seen COMMANDS: racing #1 => race.karts.values
-a difference is not named: refusal-silent _not_as_seen: instead of did: pass
-a kart is released while another race control runs: availability, rival [around] _refusal:
-    has_rival => it and not command.kart
-a stop is refused while another race control runs: availability, stop-refused _refusal: kind
+a difference is not named: refusal-silent _misnamed: skips did
+a kart is released while another race control runs: availability, rival [around] _refusals:
+    has_rival => it and not kart.number
+a stop is refused while another race control runs: availability, stop-refused _refusals: kind
     has_rival => self.has_rival
 another race control raises no alert: alerts _current_alerts: has_rival => it and self.record_fails
-a race starts without a record: no-record, availability, start-answer, start-first
-    _no_race: always record_fails not
+a race starts without a record: no-record, availability, start-answer, start-first _no_race: never
+    record_fails
 a failing record raises no alert: alerts _current_alerts: record_fails #1 => it and self.has_rival
 a release is taken right behind a stop: effect, pause, available-from command: skips _pause
 a stop to one kart lets a release through: effect, pause, available-from command: kind stop => it
     and (not command.kart)
-a release that came before a stop is taken when the pause is over: pause _refusal_of: kind _paused
-    => self._paused(command.kind, max(came, self.paused_until))
-a pause refuses what came after its end: availability, available-from _paused: paused_until came =>
-    came <= self.paused_until
-a pause refuses a stop: stop-refused, availability, available-from _paused: without loosens
-a pause lets one kart be released: pause, available-from _paused: came paused_until => it and kind
-    is not CommandKind.KART_IN_GARAGE
+a release that came before a stop is taken when the pause is over: pause _refusal_of: availability
+    came => self.availability(kind, command.kart, max(came, self.paused_until))
+a pause refuses what came after its end: availability, available-from availability: now
+    paused_until => now <= self.paused_until
+a pause refuses a stop: stop-refused, availability, available-from availability: without loosens
+a pause lets one kart be released: pause, available-from availability: now paused_until => it and
+    kind is not CommandKind.KART_IN_GARAGE
 what was sent while race control was held up is taken: pause, available-from, effect stalled: skips
     _pause
 a stop cuts the pause short that a delay began: pause, available-from, effect [waits] _pause:
     always paused_until
-a pause is not announced: available-from availability: _paused kind => ''
+a pause is not announced: available-from availability: available_from => None
 what the rules refuse is announced for the end of the pause: available-from availability: kind
     reason => Availability(kind, False, reason, '', self.paused_until)
 karts start before it is on the disk: start-first command: kind refusal => refusal or
@@ -324,13 +325,12 @@ a start that waited while race control was held up goes out: pause [waits] _end_
     now + 9.0
 what was written for another start starts karts: start-answer, start-first start_saved: start !=
     => self.start.number < number
-a second GREEN_GREEN takes the place of the one that waits: availability _no_green_green: start
-    self => None
+a second GREEN_GREEN takes the place of the one that waits: availability _refusals: never start
 while a start waits a crash leaves the race on the grid: start-memory memory: skips start if
 a start that is refused is waited for all the same: effect _end_of_start: instead of start None: if
     saved: ¶> self.start = None
 a restart forgets the karts that left the roster: restart recover: always held not
-a restart does not name the karts that left the roster: restart recover: never team
+a restart does not name the karts that left the roster: restart recover: skips _add_event
 a restart forgets a stop that was left unanswered: restart recover: before held_alone: kart.doubt =
     min(kart.doubt, Doubt.GRID)
 a restart forgets who was on the grid: restart recover: before held_alone: if kart.doubt is
@@ -341,10 +341,10 @@ a restart that knows nothing begins in IN_GARAGE: restart recover: at_rest UNKNO
 a restart goes on where the race was: restart _lose_track: skips _hold
 what is on the disk before GREEN_GREEN does not say that karts will move: restart command: MOVING
     => kart.doubt
-a kart without an inspection may join: uninspected, availability [uninspected outside] _no_join:
+a kart without an inspection may join: uninspected, availability [uninspected outside] _refusals:
     _uninspected kart => ''
-a kart without an inspection may start: uninspected, availability [uninspected] _no_grid_active:
-    without _uninspected
+a kart without an inspection may start: uninspected, availability [uninspected] _refusals:
+    _uninspected racing => ''
 a heat may have a kart without an inspection: uninspected [uninspected outside] _no_such_heat:
     karts _uninspected => ''
 the statement that the track is safe leaves the doubt of a restart: effect, stuck _race_in_garage:
@@ -370,8 +370,8 @@ IN_GARAGE goes out as soon as every kart has acknowledged: availability, false-n
     stands => self.acknowledged
 IN_GARAGE releases a kart that has not stood yet: as-seen, hold-forgotten, red-loosened [green]
     _released_by_garage: stands => each.stopped
-a kart that has only just acknowledged is released alone without a word: statement
-    _state_made_safe: stands => kart.stopped
+a kart that has only just acknowledged is released alone without a word: statement COMMANDS: stands
+    => kart.stopped
 the alarm of a kart lost in motion ends with its acknowledgement: effect, alerts heard: after
     times: kart.lost_since = None
 GREEN_GREEN while a kart taken off the grid has not answered: availability _no_race: doubt
@@ -384,8 +384,8 @@ GREEN_GREEN while a kart that left the grid has only just acknowledged: availabi
     grid] _no_race: doubt may_be_moving => it and (not each.stopped)
 GREEN_GREEN does not name the kart in doubt: refusal-silent _no_race: _dangers ( => 'a kart may be
     moving' if it else ''
-GRID_ACTIVE while a kart outside the race may be moving: availability _no_grid_active: without
-    _no_race
+GRID_ACTIVE while a kart outside the race may be moving: availability _refusals: _no_race ( #1 =>
+    ()
 the grid forms with a kart as which two programs connect: availability [network] _no_race:
     contested each => it and self.state is GRID_ACTIVE
 a race starts with a kart as which two programs connect: availability, contested [network]
@@ -394,10 +394,9 @@ two programs of one kart raise no alert: alerts [network] _current_alerts: conte
     self.has_rival
 GRID_ACTIVE that is given again clears the places: effect, finish-other, order-wrong, nobody-there,
     results [grid] _grid_active: instead of have: pass
-GRID_ACTIVE is not given again: availability COMMANDS: GRID_ACTIVE states IN_GARAGE #1 =>
-    (IN_GARAGE,)
-GRID_ACTIVE is given after a race that is over: availability, red-loosened COMMANDS: GRID_ACTIVE
-    states IN_GARAGE #1 => (IN_GARAGE, GRID_ACTIVE, RED_RED)
+GRID_ACTIVE is not given again: availability COMMANDS: IN_GARAGE GRID_ACTIVE #1 => (IN_GARAGE,)
+GRID_ACTIVE is given after a race that is over: availability, red-loosened COMMANDS: IN_GARAGE
+    GRID_ACTIVE #1 => (IN_GARAGE, GRID_ACTIVE, RED_RED)
 race control that is cut off goes on: cut-off, effect [network] cut_off: skips _cut_off
 race control that is cut off takes the track for closed: cut-off, restart [network] _lose_track:
     instead of _count_opening: self.opening += 1
@@ -406,7 +405,7 @@ race control that is cut off leaves the use of the MSR in force: cut-off [networ
 race control that is cut off takes itself to know what happened: cut-off, restart [network]
     _lose_track: skips past_unknown
 a release that was sent before race control was cut off is taken: effect, available-from, pause
-    [network and pauses] _cut_off: skips _pause
+    [network and pauses] _lose_track: instead of _pause: if late: ¶> self._pause(cause, now, late)
 every kart of the race that goes silent changes nothing: cut-off, effect [silence on the grid]
     disconnected: skips _check_whether_all_went_silent
 one kart that goes silent in the garage is race control that is cut off: effect, sent-wrong
@@ -428,29 +427,29 @@ any IN_GARAGE states that no race is under way anywhere: effect [first] _race_in
 an orderly end at the first start counts as proof: restart ends_as: skips unstated
 an end with karts in doubt counts as an orderly one: restart ends_as: skips at_rest
 a proof is believed against what the record knows: restart recover: without at_rest is
-a stop to one kart that is not seen to move leaves no doubt: effect, alarm-cleared _stop_kart:
-    skips _doubt_that_it_stands
-ALL_KILL leaves no doubt of a kart that was not seen to move: effect, stuck _all_kill: skips
-    _doubt_that_it_stands
+a stop to one kart that is not seen to move leaves no doubt: effect, alarm-cleared _hold:
+    unconfirmed _by => it and not alone
+ALL_KILL leaves no doubt of a kart that was not seen to move: effect, stuck _hold: unconfirmed _by
+    => it and alone
 a kart that is covered stands with its first word: effect, availability, track-access, as-seen,
     statement stands: without settles_at
-a release while race control is cut off: availability, cut-off [network] _refusal: cut_off_by #1 =>
-    not it and self.has_rival
-race control that is cut off is so for ever: availability, effect, stuck [network] cut_off:
-    cut_off_by reason => (self.cut_off_by, reason or self.cut_off_by)
-the command that settles what is not known is not named: track-access [unknown] _humans_allowed:
+a release while race control is cut off: availability, cut-off [network] _refusals: cut_off_by #1
+    => not it and self.has_rival
+race control that is cut off is so for ever: availability, effect, stuck [network] cut_off: instead
+    of reason =: self.cut_off_by = reason or self.cut_off_by
+the command that settles what is not known is not named: track-access [unknown] track_access:
     IN_GARAGE CommandKind => None
-the first start lets humans near before anybody has spoken: track-access [first]
-    _humans_allowed: unstated => it and self.track_open
+the first start lets humans near before anybody has spoken: track-access [first] track_access:
+    unstated => it and self.track_open
 one kart of two that goes silent is race control that is cut off: effect, sent-wrong [silence on
     the grid] _check_whether_all_went_silent: instead of len everyone: if len(silent) == 1: ¶> pass
 a kart whose program boots calls for the MSR: alerts, alarm-cleared _current_alerts: skips
     _covered_by_statement
 the MSR is asked for to clear the track of karts that were not seen to move: use-msr alerts: skips
     doubt
-GREEN_GREEN without a record: availability, no-record _no_race: record_fails not => it or
-    self.state is GRID_ACTIVE
-GRID_ACTIVE without a record: availability _no_race: record_fails not => it or self.state is
+GREEN_GREEN without a record: availability, no-record _no_race: record_fails #1 => it and
+    self.state is not GRID_ACTIVE
+GRID_ACTIVE without a record: availability _no_race: record_fails #1 => it and self.state is not
     IN_GARAGE
 a record that fails while a start waits does not stop it: start-first, no-record [waits around]
     _end_of_start: instead of came: trouble = self.record_fails ¶ if saved:
@@ -458,7 +457,8 @@ a record that fails while a start waits does not stop it: start-first, no-record
     self.record_fails = trouble
 an orderly end forgets that the track was open: restart memory: track_open => False
 a start after it does: restart recover: skips _count_opening
-a release that was sent before a restart undoes it: restart recover: skips _pause
+a release that was sent before a restart undoes it: restart _lose_track: instead of _pause: if not
+    late: ¶> self._pause(cause, now)
 a run of which nothing is known counts as ended well: restart recover: without UNKNOWN
 a kart in doubt does not keep a restart from going home: restart at_rest: without doubt
 a restart does not hold the karts of which nothing is known: restart _lose_track: instead of _hold:
@@ -479,8 +479,8 @@ IN_GARAGE after a restart does not wait for a connected kart outside: availabili
     [unknown outside] _waited_for: without sent past_unknown
 IN_GARAGE always waits for connected karts outside the race: availability, false-news _waited_for:
     without past_unknown
-OPEN_TRACK after a restart before the statement: restart, track-access, availability
-    _humans_allowed: past_unknown => it and self.over
+OPEN_TRACK after a restart before the statement: restart, track-access, availability track_access:
+    past_unknown => it and self.over
 a finish that is undone keeps its RED_FLAG: effect, sent-wrong [green] _kart_undo_finish: skips
     finish_due
 a finish that is undone cancels the RED_FLAG of another kart: finish-put-off [two in green]
@@ -517,23 +517,23 @@ the MSR is not asked for when a kart is lost in motion: use-msr MSR_ALERTS: with
 a track that officials opened is closed by a stop: effect, stop-idempotent _all_kill: after _hold:
     self.track_open = False
 a start goes out to a later grid: start-other-grid [a start alone] _grid_active: skips start
-a race goes home from the grid with a kart that may be moving: availability _no_in_garage: without
+a race goes home from the grid with a kart that may be moving: availability _refusals: without
     may_be_moving
-a race goes home from the grid with a kart that has an unanswered stop: availability _no_in_garage:
+a race goes home from the grid with a kart that has an unanswered stop: availability _refusals:
     may_be_moving => it and each.hold is None
-a race never goes home from the grid with a kart on it: availability, stuck _no_in_garage: _dangers
-    ( => _listed(each for each in self.racing() if each.doubt)
-a race cannot go home without a record: availability [around] _no_in_garage: instead of missing if
-    return #1: if not missing: ¶> return self.record_fails
-a FINISH of another run of race control is taken: finish-other [green] _no_finish: run meant =>
+a race never goes home from the grid with a kart on it: availability, stuck _refusals: _dangers (
+    => _listed(each for each in self.racing() if each.doubt)
+a race cannot go home without a record: availability [around] _refusals: after _unanswered
+    _waited_for: yield self.record_fails
+a FINISH of another run of race control is taken: finish-other [green] _misnamed: run meant =>
     meant[1:] != (self.number, kart.attempt)
-a FINISH of another race is taken: finish-other [green] _no_finish: number => command.race
-a FINISH that was undone is taken again: finish-other [green] _no_finish: attempt kart =>
+a FINISH of another race is taken: finish-other [green] _misnamed: number => command.race
+a FINISH that was undone is taken again: finish-other [green] _misnamed: attempt kart =>
     command.attempt
 an undone finish is no attempt: finish-other, availability [green] _kart_undo_finish: skips attempt
 the attempts of a race go on in the next one: finish-other [an undone finish] _grid_active: without
     attempt
-a FINISH that names no race is refused: availability [green] _no_finish: run and => meant !=
+a FINISH that names no race is refused: availability [green] _misnamed: run and => meant !=
     (self.run, self.number, kart.attempt)
 a FINISH counts as somebody who is there: nobody-there [people in green] _kart_finish: after
     finish_due: self.nobody_since = None
@@ -565,7 +565,7 @@ a screen that is back starts the race again: there-acts, red-to-green, green-onl
     green-needs-grid, red-loosened [people in green] attended: before nobody_since None: if
     self.nobody_since is not None and self.state is RED_FLAG: ¶> self._go(GREEN_GREEN, now, 'back')
 GREEN_GREEN while nobody is there any more: nobody-there, availability [people on the grid]
-    _no_green_green: never nobody_since
+    _refusals: never nobody_since
 a start that waits goes out when the last screen has gone: nobody-there, start-first, start-answer
     [a start with people] _end_of_start: instead of came: since = self.nobody_since ¶
     self.nobody_since = None ¶ refusal = self._refusal_of(start.command, start.came) ¶
@@ -590,7 +590,7 @@ GREEN_GREEN starts the karts outside the race as well: red-to-green [grid] _gree
 a connection that comes back ends the alarm of its loss: alarm-cleared connected: first: if not
     self.karts[number].connected: ¶> self.karts[number].lost_since = None
 IN_GARAGE releases every kart that stands, whatever it announced: alone-released [grid]
-    _race_in_garage: _released_by_garage command => [*it, *(each for each in self.karts.values() if
+    _race_in_garage: _released_by_garage ( => [*it, *(each for each in self.karts.values() if
     each.stands)]
 the grid forms again when another race control has ended: rival [around] rival: first: if not
     present and self.has_rival and self.state is IN_GARAGE: ¶> self._go(GRID_ACTIVE, now, 'it has

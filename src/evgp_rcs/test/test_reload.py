@@ -196,9 +196,9 @@ a kart that two programs connect as loses its address: bound: never contested
 only a kart that leaves the roster is looked at: _bound: address != => kart.number not in addresses
 only a kart with another address is looked at: _bound: get number => addresses.get(kart.number,
     kart.address)
-a roster is taken that was not judged again: _no_take_roster: _bound ( => ''
-a roster is taken during a race: COMMANDS: states TAKE_ROSTER => Rule(Race._take_roster,
-    Race._no_take_roster, Race._changes)
+a roster is taken that was not judged again: _refusals: _bound ( => ''
+a roster is taken during a race: COMMANDS: TAKE_ROSTER _take_roster => Rule(Race._take_roster,
+    statement=lambda race, kart: race._changes())
 a roster is taken that was read again since: _misnamed: reading != self => command.reading >
     self.reading
 a roster is taken though the file is another by now: _misnamed: never roster _read
@@ -206,8 +206,7 @@ a roster is taken twice: _take_roster: 0 => 1
 a reading outlives a race: _grid_active: skips reading
 to read it changes the heats: _read_roster: first: self.heats = command.roster.heats
 a kart that stays is a new one: _take_roster: pop number => None
-a new kart is held: _take_roster: Kart in_race => Kart(each.number, in_race=each.in_race,
-    hold=RED_RED)
+a new kart is held: _take_roster: Kart sent_since => Kart(*each, hold=RED_RED)
 the heats stay as they were: _take_roster: skips heats
 """
 )

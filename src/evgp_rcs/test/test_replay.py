@@ -380,7 +380,7 @@ def test_what_was_changed_is_found_and_named_with_its_time(
 FAULTS = faults_in(
     """
 an old acknowledgement counts: heard: without serial
-a reason is other: _no_join: already f => f'the race has {kart} already'
+a reason is other: _refusals: in already f => f'the race has {kart} already'
 the pause is longer: _pause: pause times => 1.0
 """
 )

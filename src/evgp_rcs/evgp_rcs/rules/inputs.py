@@ -61,16 +61,7 @@ class Setup:
 
     def race(self) -> Race:
         """Return a new race."""
-        karts = [
-            Kart(
-                each.number,
-                each.team,
-                each.in_race,
-                inspected=each.inspected,
-                address=each.address,
-            )
-            for each in self.karts
-        ]
+        karts = [Kart(*each) for each in self.karts]
         return Race(karts, self.times, self.now, self.heats, self.run)
 
 

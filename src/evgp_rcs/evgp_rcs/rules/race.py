@@ -9,9 +9,9 @@ Rules for the code in this file:
 - The code is pure: it uses no clock, socket, ROS, thread, file or log. Every input carries its
   time, in seconds on one monotonic clock.
 - Only one thread uses a ``Race``, so it needs no lock.
-- One table (``COMMANDS``, at the end) says when each command is refused and why, what the official
-  must state, and what the command does. Availability is derived from the same table, so it always
-  matches what happens.
+- One table (``COMMANDS``, at the end) says in which states of the race a command is possible, what
+  the official must state, and what the command does. ``Race._refusals`` says what else refuses it.
+  A command is judged by its announced availability (``Race.availability``), then by what it names.
 - If a message in ``evgp_rcs_msgs`` has the same field, the comment in the message explains it.
   Where the field here is None, the message has 0, NaN or UNKNOWN.
 
@@ -386,7 +386,8 @@ class Kart:
     """
     One kart in the roster. Only the rules write to it; all other code reads it.
 
-    `KartStatus.msg` explains the fields not listed here. Times are in seconds.
+    The first fields are those of its ``Entrant``. `KartStatus.msg` explains the fields not listed
+    here. Times are in seconds.
 
     :param address: IPv4 address from which it connects; empty if it is no longer in the roster.
     :param sent_since: when ``sent`` was first commanded. A reconnection does not change it.
@@ -411,6 +412,8 @@ class Kart:
     number: int
     team: str = ''
     in_race: bool = False
+    inspected: str = ''
+    address: str = ''
     connected: bool = False
     hold: RaceState | None = None
     hold_reason: str = ''
@@ -427,8 +430,6 @@ class Kart:
     finish_due: float | None = None
     held_alone: bool = False
     counts_at: float | None = None
-    inspected: str = ''
-    address: str = ''
     ordered_at: float = 0.0
     delivered_at: float | None = None
     acknowledged_at: float | None = None
@@ -698,7 +699,9 @@ class Race:
             if kart is None:
                 if not (before.in_race or before.held or before.doubt):
                     continue
-                kart = self.karts[number] = Kart(number, NOT_IN_ROSTER, sent_since=now)
+                kart = self.karts[number] = Kart(number, NOT_IN_ROSTER)
+                text = f'{kart} is held in RED_RED; find it, make it safe, then release it '
+                self._add_event(EventKind.KART_STATE, f'{text}individually', number, RED_RED)
             else:
                 kart.in_race = before.in_race
                 kart.place = before.place
@@ -710,17 +713,12 @@ class Race:
         self.grids = self.number = int(bool(self.starters))
         cause = 'race control has started and does not know what happened before that'
         cause += f': {why}' if why else ''
-        self._pause(cause, now, late=True)
-        self._lose_track('since race control started', cause, now)
-        for kart in self.karts.values():
-            if kart.team == NOT_IN_ROSTER:
-                text = f'{_capital(kart)} is held in RED_RED; find it, make it safe, then release '
-                text += 'it individually'
-                self._add_event(EventKind.KART_STATE, text, kart.number, RED_RED)
+        self._lose_track('since race control started', cause, now, late=True)
         return self._outcome()
 
-    def _lose_track(self, held: str, cause: str, now: float) -> None:
+    def _lose_track(self, held: str, cause: str, now: float, late: bool = False) -> None:
         """Assume the worst about everything, because race control does not know what happened."""
+        self._pause(cause, now, late)
         self.past_unknown = True
         self._count_opening(cause, now)
         self.msr_used = False
@@ -809,14 +807,13 @@ class Race:
 
         :param reason: what is lost, as a phrase; empty once the network is back.
         """
-        before, self.cut_off_by = self.cut_off_by, reason
-        if reason and not before:
+        if reason and not self.cut_off_by:
             self._cut_off(reason, now)
+        self.cut_off_by = reason
         return self._outcome()
 
     def _cut_off(self, reason: str, now: float) -> None:
         cause = f'race control was cut off from the karts ({reason})'
-        self._pause(cause, now)
         self._lose_track('race control was cut off', cause, now)
 
     def contested(self, number: int, contested: bool, now: float) -> Outcome:
@@ -833,34 +830,33 @@ class Race:
 
     def _refusal_of(self, command: Command, came: float) -> str:
         """Return why a command that arrived at `came` is refused; empty if it is allowed."""
-        if CATALOGUE[command.kind].to_one_kart and command.kart not in self.karts:
-            return self._unknown_kart(command)
-        rule = COMMANDS[command.kind]
-        # A reason from the rules is more useful to the official than a mention of the pause.
-        refusal = self._refusal(command) or self._paused(command.kind, came)
-        if refusal:
-            return refusal
-        statement = rule.statement(self, command)
-        if statement and not command.statement:
+        kind, entry = command.kind, CATALOGUE[command.kind]
+        if entry.to_one_kart and command.kart not in self.karts:
+            numbers = ', '.join(map(str, sorted(self.karts))) or 'no kart'
+            has = f'the roster has no kart {command.kart}; it has {numbers}'
+            return f'{has}; ALL_KILL stops every kart'
+        offered = self.availability(kind, command.kart, came)
+        if not offered.available:
+            return offered.reason
+        if offered.statement and not command.statement:
             wait = ''
-            if CATALOGUE[command.kind].names_hold:
+            if entry.names_hold:
                 kart = self.karts[command.kart]
                 wait = f'{kart}: {self._silence(kart)}. Wait for it, or '
-            return f'{wait}state that {statement}'
-        return self._misnamed(command, came)
+            return f'{wait}state that {offered.statement}'
+        return self._misnamed(command, {*offered.karts}, came)
 
     def _decide(self, command: Command, refusal: str, now: float) -> Answer:
         """Put a command into effect or refuse it, and add the command's event."""
         self._by = command
-        before, self._events = self._events, []
+        before = len(self._events)
         answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
         if not refusal:
             if not CATALOGUE[command.kind].bookkeeping:
                 self.grid_was_last = command.kind is CommandKind.GRID_ACTIVE
             pressed = f' {command.kind.value} was {command.pressed}.' if command.pressed else ''
             effect = COMMANDS[command.kind].effect(self, command, now)
-            answer = Answer(True, f'{effect}.{pressed}')
-        effects, self._events = self._events, before
+            answer = Answer(True, _capital(f'{effect}.{pressed}'))
         self._add_event(
             EventKind.COMMAND,
             answer.message,
@@ -868,7 +864,7 @@ class Race:
             success=answer.success,
             after=command.age if command.pressed else 0.0,
         )
-        self._events += effects
+        self._events.insert(before, self._events.pop())  # the command comes before its effects
         self._by = None
         return answer
 
@@ -886,8 +882,7 @@ class Race:
         if not kart.may_be_moving:
             kart.lost_since = None
         kart.went_silent_at = None
-        text = f'{_capital(kart)} connected'
-        self._add_event(EventKind.CONNECTED, text, number, chatter=kart.contested)
+        self._add_event(EventKind.CONNECTED, f'{kart} connected', number, chatter=kart.contested)
         self._redirect(kart, now, resend=True)
         return self._outcome()
 
@@ -954,24 +949,24 @@ class Race:
             # The next tick reports when all have acknowledged; checking here would cost O(N²).
             # IN_GARAGE asks for no acknowledgement (§3.A).
             did = 'reports' if state is IN_GARAGE else 'acknowledged'
-            text = f'{_capital(kart)} {did} {state.value}'
+            text = f'{kart} {did} {state.value}'
             self._add_event(EventKind.ACKNOWLEDGED, text, number, state, chatter=again)
         elif kart.acknowledged and state is not kart.sent:
             kart.acknowledged = False
             kart.settles_at = None
             if kart.sent.is_red:
                 kart.doubt = Doubt.MOVING
-            text = f'{_capital(kart)} reports {state.value}, so its acknowledgement of '
-            text += f'{kart.sent.value} no longer counts'
+            taken_back = f'its acknowledgement of {kart.sent.value} no longer counts'
+            text = f'{kart} reports {state.value}, so {taken_back}'
             self._add_event(EventKind.WITHDRAWN, text, number, state, chatter=True)
         elif state is not kart.sent:
             kart.counts_at = None
             if state is not before:
-                text = f'{_capital(kart)} reports {state.value} while being sent {kart.sent.value}'
+                text = f'{kart} reports {state.value} while being sent {kart.sent.value}'
                 self._add_event(EventKind.REPORTED, text, number, state, chatter=True)
         elif not kart.acknowledged and state is not IN_GARAGE:
             if kart.counts_at is None:
-                text = f'{_capital(kart)} {self._silence(kart)}'
+                text = f'{kart} {self._silence(kart)}'
                 self._add_event(EventKind.REPORTED, text, number, state, chatter=True)
             kart.counts_at = now + counts_in
         if state is GREEN_GREEN and kart.sent is not GREEN_GREEN:
@@ -1067,15 +1062,17 @@ class Race:
         :param number: number of the kart, for a command to one kart; otherwise 0.
         :raises KeyError: if the command is to one kart and the roster has no such kart.
         """
-        rule, command = COMMANDS[kind], Command(kind, number)
-        reason = self._refusal(command)
+        rule = COMMANDS[kind]
+        kart = self.karts[number] if CATALOGUE[kind].to_one_kart else NO_KART
+        reason = next(filter(None, self._refusals(kind, kart)), '')
         if reason:
             return Availability(kind, False, reason)
-        paused = self._paused(kind, now)
-        if paused:
+        # A reason from the rules is more useful to the official than a mention of the pause.
+        if CATALOGUE[kind].loosens and now < self.paused_until:
+            paused = f'{self._paused_by}. {SEND_AGAIN}'
             return Availability(kind, False, paused, available_from=self.paused_until)
-        karts = tuple(sorted(each.number for each in rule.karts(self, command)))
-        return Availability(kind, True, statement=rule.statement(self, command), karts=karts)
+        karts = tuple(sorted(each.number for each in rule.karts(self, kart)))
+        return Availability(kind, True, statement=rule.statement(self, kart), karts=karts)
 
     def alerts(self, now: float) -> list[Alert]:
         """Return the current alerts, newest first. Each began when a tick first reported it."""
@@ -1086,7 +1083,7 @@ class Race:
             use_msr = kind in MSR_ALERTS and not self.msr_used
             if kind is AlertKind.TRACK_UNSAFE:
                 use_msr = use_msr and any(each.doubt for each in self.karts.values())
-            alerts.append(Alert(kind, number, since, text, use_msr))
+            alerts.append(Alert(kind, number, since, _capital(text), use_msr))
         alerts.sort(key=lambda alert: alert.since, reverse=True)
         return alerts
 
@@ -1099,7 +1096,29 @@ class Race:
         reports its stop, or until an official states that the MSR was used or that the kart was
         made safe by hand.
         """
-        allowed, reason, settled_by = self._humans_allowed()
+        allowed, settled_by = False, None
+        if self.msr_used:
+            allowed, reason = True, 'the Master Safety Remote was used'
+        elif self.state in (GRID_ACTIVE, GREEN_GREEN):
+            reason = f'the race is in {self.state.value}'
+        elif unsafe := self._dangers(
+            each for each in self.karts.values() if not self._covered_by_statement(each)
+        ):
+            reason = unsafe
+        elif self.past_unknown:
+            settled_by = CommandKind.IN_GARAGE
+            reason = (
+                'race control does not know what happened: look at every kart, then send IN_GARAGE'
+            )
+        elif self.unstated:
+            settled_by = CommandKind.OPEN_TRACK
+            reason = f'no official has stated that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for this'
+        elif not any(kart.connected for kart in self.karts.values()):
+            allowed = True
+            reason = 'no kart is connected, so race control does not know what the karts are doing'
+        else:
+            allowed = True
+            reason = 'every connected kart is in IN_GARAGE or has acknowledged its stop'
         return TrackAccess(
             self.track_open, allowed, reason, self.msr_used, self.opening, settled_by
         )
@@ -1133,7 +1152,7 @@ class Race:
                 # control sends it RED_RED only because it may have missed something.
                 kart.doubt = Doubt.MOVING
             self._orders.append(Order(kart.number, state, kart.serial))
-            text = f'{_capital(kart)} is being sent {state.value}'
+            text = f'{kart} is being sent {state.value}'
             chatter = kart.contested and resend
             self._add_event(EventKind.KART_STATE, text, kart.number, state, chatter=chatter)
 
@@ -1146,18 +1165,16 @@ class Race:
     def _hold(
         self, kart: Kart, hold: RaceState, reason: str, now: float, alone: bool = False
     ) -> None:
-        stricter_than_before = kart.hold is None or hold.strictness > kart.hold.strictness
-        if stricter_than_before or (alone and not kart.held_alone):
-            kart.hold_reason += f'; {reason}' if kart.hold_reason else reason
-        if stricter_than_before:
-            kart.hold = hold
-        kart.held_alone = kart.held_alone or alone
-        self._redirect(kart, now)
-
-    def _doubt_that_it_stands(self, kart: Kart) -> None:
-        """If an official stops a connected kart whose stop is unconfirmed, treat it as moving."""
-        if kart.connected and not kart.stopped and self._covered_by_statement(kart):
+        # A kart that an official stops is no longer covered, unless it has confirmed a stop.
+        unconfirmed = kart.connected and not kart.stopped and self._covered_by_statement(kart)
+        if unconfirmed and self._by is not None:
             kart.doubt = Doubt.MOVING
+        before = kart.hold, kart.held_alone
+        kart.hold = hold if kart.hold is None else stricter(kart.hold, hold)
+        kart.held_alone = kart.held_alone or alone
+        if before != (kart.hold, kart.held_alone):
+            kart.hold_reason += f'; {reason}' if kart.hold_reason else reason
+        self._redirect(kart, now)
 
     def _unhold(self, kart: Kart) -> None:
         kart.hold = None
@@ -1182,7 +1199,8 @@ class Race:
         official = f' by {self._by.official}' if self._by.official else ''
         return ', '.join(filter(None, (f'{kind}{official}', self._by.pressed)))
 
-    def _go(self, state: RaceState, now: float, why: str = '') -> None:
+    def _go(self, state: RaceState, now: float, why: str = '') -> str:
+        """Bring the race into a state, and return which karts are now being sent that state."""
         if state is not self.state:
             self.state = state
             self.state_since = now
@@ -1192,6 +1210,7 @@ class Race:
             self._add_event(EventKind.RACE_STATE, text, state=state)
         for kart in self.racing():
             self._redirect(kart, now)
+        return f'{state.value} sent to {_receivers(k for k in self.racing() if k.sent is state)}'
 
     def _drop(self, kart: Kart, reason: str, now: float) -> None:
         kart.connected = False
@@ -1200,7 +1219,7 @@ class Race:
         under_way = kart.in_race and self.state is not IN_GARAGE
         if (under_way or kart.doubt) and kart.lost_since is None:
             kart.lost_since = now
-        text = f'{_capital(kart)} disconnected: {reason}'
+        text = f'{kart} disconnected: {reason}'
         self._add_event(EventKind.DISCONNECTED, text, kart.number, chatter=kart.contested)
         if (under_way and self.state is not GRID_ACTIVE) or kart.may_be_moving:
             self._hold(kart, RED_RED, f'lost its connection in {self.state.value}', now)
@@ -1210,17 +1229,14 @@ class Race:
     def _all_kill(self, command: Command, now: float) -> str:
         cause = self._cause()
         for each in self.karts.values():
-            self._doubt_that_it_stands(each)
             self._hold(each, RED_RED, cause, now)
         self._go(RED_RED, now)
         return f'RED_RED sent to {_receivers(self.karts.values())}'
 
     def _red_flag(self, command: Command, now: float) -> str:
-        self._go(stricter(self.state, RED_FLAG), now)
-        if self.state is not RED_FLAG:
-            return f'The race is already in {self.state.value}, which is stricter than RED_FLAG'
-        flagged = (each for each in self.racing() if each.sent is RED_FLAG)
-        return f'RED_FLAG sent to {_receivers(flagged)}'
+        if self.state is RED_RED:
+            return 'The race is already in RED_RED, which is stricter than RED_FLAG'
+        return self._go(RED_FLAG, now)
 
     def _grid_active(self, command: Command, now: float) -> str:
         if self.start is not None:
@@ -1239,27 +1255,24 @@ class Race:
         self.nobody_since = None  # no program that could stop this race has been lost yet
         for each in self.karts.values():
             each.place = each.attempt = 0
-        self._go(GRID_ACTIVE, now)
-        return f'GRID_ACTIVE sent to {_receivers(self.racing())}'
+        return self._go(GRID_ACTIVE, now)
 
     def _green_green(self, command: Command, now: float) -> str:
         self.starters = tuple(each.number for each in self.racing())
-        self._go(GREEN_GREEN, now)
-        return f'GREEN_GREEN sent to {_receivers(self.racing())}'
+        return self._go(GREEN_GREEN, now)
 
     def _race_over(self, command: Command, now: float) -> str:
         self.over = True
-        self._go(RED_RED, now)
+        sent = self._go(RED_RED, now)
         self._report_order_of_finish()
-        return f'Race over: RED_RED sent to {_receivers(self.racing())}'
+        return f'Race over: {sent}'
 
     def _race_in_garage(self, command: Command, now: float) -> str:
-        released = list(self._released_by_garage(command))
+        released = list(self._released_by_garage())
         for each in released:
             self._unhold(each)
         kept = [each for each in self.karts.values() if each.hold is not None]
-        self.over = False
-        self.msr_used = False
+        self.over = self.msr_used = False
         if self.past_unknown:
             self.past_unknown = self.unstated = False
         self._report_order_of_finish()  # of a race that was stopped and never declared over
@@ -1275,7 +1288,7 @@ class Race:
     def _open_track(self, command: Command, now: float) -> str:
         self._count_opening(f'by {command.official or "an official"}', now)
         self.unstated = False
-        return f'The track is open to humans: {self._humans_allowed()[1]}'
+        return f'The track is open to humans: {self.track_access().reason}'
 
     def _close_track(self, command: Command, now: float) -> str:
         self.track_open = False
@@ -1290,17 +1303,16 @@ class Race:
     def _stop_kart(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
         hold = RED_RED if command.kind is CommandKind.KART_RED_RED else RED_FLAG
-        self._doubt_that_it_stands(kart)
         self._hold(kart, hold, self._cause(), now, alone=True)
         absent = '' if kart.connected else ', but it is not connected'
-        return f'{_capital(kart)} is held in {kart.sent.value}{absent}'
+        return f'{kart} is held in {kart.sent.value}{absent}'
 
     def _kart_finish(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
         kart.place = 1 + max(each.place for each in self.karts.values())
         delay = self.times.finish_delay(kart.place)
         kart.finish_due = now + delay
-        return f'{_capital(kart)} finished as P{kart.place}; RED_FLAG follows in {delay:g} s'
+        return f'{kart} finished as P{kart.place}; RED_FLAG follows in {delay:g} s'
 
     def _kart_undo_finish(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
@@ -1310,7 +1322,7 @@ class Race:
             each.place -= each.place > place
         # This loosens no state that has been sent; it only cancels a RED_FLAG that has not been.
         kart.finish_due = None
-        return f'{_capital(kart)} no longer has a place, and is still being sent {kart.sent.value}'
+        return f'{kart} no longer has a place, and is still being sent {kart.sent.value}'
 
     def _release_kart(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
@@ -1320,13 +1332,13 @@ class Race:
         out = kart.in_race and self.state is not IN_GARAGE
         kart.in_race = kart.in_race and not out
         self._redirect(kart, now)
-        return f'{_capital(kart)} is released to IN_GARAGE{" and is out of the race" * out}'
+        return f'{kart} is released to IN_GARAGE{" and is out of the race" * out}'
 
     def _join_race(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
         kart.in_race = True
         self._redirect(kart, now)
-        return f'{_capital(kart)} is in the race'
+        return f'{kart} is in the race'
 
     def _leave_race(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
@@ -1334,7 +1346,7 @@ class Race:
         if self.state is not IN_GARAGE:
             self._hold(kart, RED_RED, 'taken out of the race on the grid', now)
         self._redirect(kart, now)
-        return f'{_capital(kart)} is out of the race and is being sent {kart.sent.value}'
+        return f'{kart} is out of the race and is being sent {kart.sent.value}'
 
     def _set_heat(self, command: Command, now: float) -> str:
         (heat,) = (each for each in self.heats if each.name == command.heat)
@@ -1350,17 +1362,15 @@ class Race:
         self._readings += 1
         self.reading, self._read = self._readings, command.roster
         return (
-            f'The roster file was read (reading {self.reading}): {self._changes(command)}. '
+            f'The roster file was read (reading {self.reading}): {self._changes()}. '
             f'Nothing has changed yet. TAKE_ROSTER {self.reading} puts it into effect'
         )
 
     def _take_roster(self, command: Command, now: float) -> str:
-        changes, self.reading = self._changes(command), 0
+        changes, self.reading = self._changes(), 0
         before, self.karts = self.karts, {}
         for each in self._read.karts:
-            kart = before.pop(each.number, None) or Kart(
-                each.number, in_race=each.in_race, sent_since=now
-            )
+            kart = before.pop(each.number, None) or Kart(*each, sent_since=now)
             kart.team, kart.inspected, kart.address = each.team, each.inspected, each.address
             self.karts[each.number] = kart
         # The new roster contains every bound kart that the old one contained.
@@ -1368,130 +1378,111 @@ class Race:
         self.heats = self._read.heats
         return f'The new roster is in effect: {changes}'
 
-    # ----- why a command is refused: one phrase, or nothing -------------------------------
+    # ----- why a command is refused -------------------------------------------------------
 
-    def _refusal(self, command: Command) -> str:
-        if CATALOGUE[command.kind].loosens and self.has_rival:
-            return 'another race control is running; shut it down first. Every stop still works'
-        if CATALOGUE[command.kind].loosens and self.cut_off_by:
-            return f'race control is still cut off from the karts: {self.cut_off_by}'
-        rule = COMMANDS[command.kind]
-        if self.state not in rule.states:
-            ends = command.kind is CommandKind.IN_GARAGE and self.state in (GREEN_GREEN, RED_FLAG)
+    def _refusals(self, kind: CommandKind, kart: Kart) -> Iterator[str]:
+        """
+        Yield why a command is refused now, whatever it names, with the most useful reason first.
+
+        A reason that is empty does not apply. There is never a reason to refuse a stop.
+
+        :param kart: the kart that the command is for; ``NO_KART`` if it is not for one kart.
+        """
+        if CATALOGUE[kind].loosens and self.has_rival:
+            yield 'another race control is running; shut it down first. Every stop still works'
+        if CATALOGUE[kind].loosens and self.cut_off_by:
+            yield f'race control is still cut off from the karts: {self.cut_off_by}'
+        if self.state not in COMMANDS[kind].states:
+            ends = kind is CommandKind.IN_GARAGE and self.state in (GREEN_GREEN, RED_FLAG)
             first = '. Send RACE_OVER or ALL_KILL first' * ends
-            possible = ' or '.join(state.value for state in rule.states)
-            text = f'the race is in {self.state.value}; {command.kind.value} is possible only in '
-            return f'{text}{possible}{first}'
-        return rule.refusal(self, command)
+            possible = ' or '.join(state.value for state in COMMANDS[kind].states)
+            text = f'the race is in {self.state.value}; {kind.value} is possible only in '
+            yield f'{text}{possible}{first}'
+        match kind:
+            case CommandKind.GRID_ACTIVE:
+                yield self._uninspected(self.racing())
+                yield from self._no_race()
+            case CommandKind.GREEN_GREEN:
+                if not self.grid_was_last:
+                    yield 'another command was sent after GRID_ACTIVE; send GRID_ACTIVE again'
+                yield from self._no_race()
+                yield self._unanswered(self.racing())
+                if self.nobody_since is not None:
+                    yield (
+                        'race control is no longer in contact with any screen or button that can '
+                        'stop the race; open a window, or start again from IN_GARAGE'
+                    )
+                if self.start:
+                    yield 'another GREEN_GREEN is still waiting for the record'
+            case CommandKind.IN_GARAGE if self.state is GRID_ACTIVE:
+                yield self._dangers(
+                    each
+                    for each in self.racing()
+                    if each.may_be_moving or (each.doubt and not each.connected)
+                )
+            case CommandKind.IN_GARAGE:
+                msr = 'use the MSR and record its use, or, if the kart is off the track, '
+                if missing := self._unanswered(self._waited_for()):
+                    yield (
+                        f'{missing}. If a kart does not answer, {"" if self.msr_used else msr}'
+                        'make it safe by hand and release it individually'
+                    )
+            case CommandKind.OPEN_TRACK:
+                access = self.track_access()
+                if not access.allowed and access.settled_by is not CommandKind.OPEN_TRACK:
+                    yield access.reason
+            case CommandKind.KART_FINISH:
+                if not kart.in_race:
+                    yield f'{kart} is not in the race'
+                if kart.place:
+                    yield f'{kart} has already finished as P{kart.place}'
+                if kart.hold is not None:  # so is a kart that lost its connection
+                    yield f'{kart} is held: {kart.hold_reason}'
+            case CommandKind.KART_UNDO_FINISH:
+                if not kart.place:
+                    yield f'{kart} has no place'
+                if kart.number not in self.starters:
+                    yield f'the order of FINISH already names {kart}; correct it at the timekeeper'
+            case CommandKind.KART_IN_GARAGE if not kart.sent.is_red:
+                sent = kart.sent.value
+                yield f'{kart} is being sent {sent}; only a kart sent a red can be released'
+            case CommandKind.JOIN_RACE:
+                if kart.in_race:
+                    yield f'{kart} is already in the race'
+                yield self._uninspected([kart])
+            case CommandKind.LEAVE_RACE if not kart.in_race:
+                yield f'{kart} is not in the race'
+            case CommandKind.SET_HEAT if not self.heats:
+                yield "the roster has no heats; list them under 'heats:' and read it again"
+            case CommandKind.TAKE_ROSTER:
+                if not self.reading:
+                    yield 'no roster is waiting to be taken; send READ_ROSTER first'
+                yield self._bound(self._read)
 
-    def _paused(self, kind: CommandKind, came: float) -> str:
-        """Return why a pause blocks a command that arrived at `came`; empty if no pause does."""
-        if CATALOGUE[kind].loosens and came < self.paused_until:
-            return f'{self._paused_by}. {SEND_AGAIN}'
-        return ''
-
-    def _no_race(self) -> str:
-        """Return why no race can start, and so why GRID_ACTIVE and GREEN_GREEN are refused."""
+    def _no_race(self) -> Iterator[str]:
+        """Yield why no race can start, and so why GRID_ACTIVE and GREEN_GREEN are refused."""
         racing = list(self.racing())
         if not racing:
-            return 'no kart is in the race'
+            yield 'no kart is in the race'
         if held := _held(racing):
-            return f'karts in the race are held; release them first: {held}'
+            yield f'karts in the race are held; release them first: {held}'
         if contested := _listed(each for each in racing if each.contested):
-            return f'two programs keep connecting as {contested}; have the team stop one of them'
-        unsafe = self._dangers(
+            yield f'two programs keep connecting as {contested}; have the team stop one of them'
+        yield self._dangers(
             each
             for each in self.karts.values()
             if each.may_be_moving or (each.doubt and not each.in_race)
         )
-        if unsafe or not self.record_fails:
-            return unsafe
-        return (
-            f'{self.record_fails}. A race cannot start without a record. Make room on the disk, '
-            'or restart race control with the parameter record set to a path on another disk. As '
-            'a last resort, use /dev/shm'
-        )
-
-    def _no_grid_active(self, command: Command) -> str:
-        return self._uninspected(self.racing()) or self._no_race()
-
-    def _no_green_green(self, command: Command) -> str:
-        if not self.grid_was_last:
-            return 'another command was sent after GRID_ACTIVE; send GRID_ACTIVE again'
-        if reason := self._no_race():
-            return reason
-        missing = [
-            f'{each}: {self._silence(each)}'
-            for each in self.racing()
-            if not (each.connected and each.acknowledged)
-        ]
-        if missing:
-            return f'waiting for {_cut(missing)}'
-        if self.nobody_since is not None:
-            return (
-                'race control is no longer in contact with any screen or button that can stop the '
-                'race; open a window, or start again from IN_GARAGE'
+        if self.record_fails:
+            yield (
+                f'{self.record_fails}. A race cannot start without a record. Make room on the '
+                'disk, or restart race control with the parameter record set to a path on another '
+                'disk. As a last resort, use /dev/shm'
             )
-        return 'another GREEN_GREEN is still waiting for the record' if self.start else ''
 
-    def _no_in_garage(self, command: Command) -> str:
-        if self.state is GRID_ACTIVE:
-            return self._dangers(
-                each
-                for each in self.racing()
-                if each.may_be_moving or (each.doubt and not each.connected)
-            )
-        missing = [
-            f'{each}: {self._silence(each)}' for each in self._waited_for() if not each.answered
-        ]
-        if not missing:
-            return ''
-        msr = 'use the MSR and record its use, or, if the kart is off the track, '
-        return (
-            f'waiting for {_cut(missing)}. If a kart does not answer, '
-            f'{"" if self.msr_used else msr}make it safe by hand and release it individually'
-        )
-
-    def _no_open_track(self, command: Command) -> str:
-        allowed, reason, settled_by = self._humans_allowed()
-        return '' if allowed or settled_by is CommandKind.OPEN_TRACK else reason
-
-    def _no_finish(self, command: Command) -> str:
-        kart = self.karts[command.kart]
-        if not kart.in_race:
-            return f'{kart} is not in the race'
-        if kart.place:
-            return f'{kart} has already finished as P{kart.place}'
-        if kart.hold is not None:  # so is a kart that lost its connection
-            return f'{kart} is held: {kart.hold_reason}'
-        meant = command.run, command.race, command.attempt
-        if command.run and meant != (self.run, self.number, kart.attempt):
-            return f'this FINISH is for another race, or the finish of {kart} has been undone'
-        return ''
-
-    def _no_undo_finish(self, command: Command) -> str:
-        kart = self.karts[command.kart]
-        if not kart.place:
-            return f'{kart} has no place'
-        if kart.number not in self.starters:
-            return f'the order of FINISH already names {kart}; correct it at the timekeeper'
-        return ''
-
-    def _no_release(self, command: Command) -> str:
-        kart = self.karts[command.kart]
-        if kart.sent.is_red:
-            return ''
-        return f'{kart} is being sent {kart.sent.value}; only a kart sent a red can be released'
-
-    def _no_join(self, command: Command) -> str:
-        kart = self.karts[command.kart]
-        if kart.in_race:
-            return f'{kart} is already in the race'
-        return self._uninspected([kart])
-
-    def _no_set_heat(self, command: Command) -> str:
-        none = "the roster has no heats; list them under 'heats:' and read it again"
-        return '' if self.heats else none
+    def _unanswered(self, karts: Iterable[Kart]) -> str:
+        missing = [f'{each}: {self._silence(each)}' for each in karts if not each.answered]
+        return f'waiting for {_cut(missing)}' if missing else ''
 
     def _uninspected(self, karts: Iterable[Kart]) -> str:
         if not self.times.require_inspection:
@@ -1499,18 +1490,6 @@ class Race:
         missing = _listed(each for each in karts if not each.inspected)
         text = f'not inspected: {missing}. Race without it; or inspect it, enter the date in the '
         return f'{text}roster and read the roster again' if missing else ''
-
-    def _no_leave(self, command: Command) -> str:
-        kart = self.karts[command.kart]
-        return '' if kart.in_race else f'{kart} is not in the race'
-
-    def _no_read_roster(self, command: Command) -> str:
-        return self._bound(command.roster) if command.roster.karts else ''
-
-    def _no_take_roster(self, command: Command) -> str:
-        if not self.reading:
-            return 'no roster is waiting to be taken; send READ_ROSTER first'
-        return self._bound(self._read)
 
     def _bound(self, roster: Roster) -> str:
         """Return which karts and addresses a roster must keep but lacks; empty if none."""
@@ -1520,13 +1499,12 @@ class Race:
             for kart in self.karts.values()
             if kart.bound and addresses.get(kart.number, '') != kart.address
         ]
-        if not bound:
-            return ''
-        return f'{_cut(bound)}. Until this changes, keep these numbers and addresses in the roster'
+        keep = 'Until this changes, keep these numbers and addresses in the roster'
+        return f'{_cut(bound)}. {keep}' if bound else ''
 
     # ----- what the official saw ----------------------------------------------------------
 
-    def _released_by_garage(self, command: Command) -> Iterable[Kart]:
+    def _released_by_garage(self) -> Iterable[Kart]:
         """Yield the karts that the race's IN_GARAGE releases."""
         return (
             each
@@ -1540,24 +1518,30 @@ class Race:
             )
         )
 
-    def _misnamed(self, command: Command, came: float) -> str:
+    def _misnamed(self, command: Command, concerned: set[int], came: float) -> str:
         """
-        Return what is wrong with the karts, hold, heat, roster or number that a command names.
+        Return what is wrong with what a command names; empty if the official saw the race so.
 
-        The text is empty if they are all valid.
+        :param concerned: numbers of the karts that the command starts or releases.
         """
-        entry = CATALOGUE[command.kind]
+        kind, entry = command.kind, CATALOGUE[command.kind]
+        kart = self.karts.get(command.kart, NO_KART)
         if entry.names_heat:
             return self._no_such_heat(command.heat)
-        if entry.names_hold:
-            return self._held_otherwise(self.karts[command.kart], command.hold)
-        if command.kind is CommandKind.READ_ROSTER:
-            return '' if command.roster.karts else 'the roster has no kart'
+        if entry.names_hold and command.hold is not kart.hold:
+            held = f'held in {kart.hold.value}' if kart.hold else 'not held'
+            return f'{kart} has changed since you looked: it is now {held}. Look again'
+        meant = command.run, command.race, command.attempt
+        if command.run and meant != (self.run, self.number, kart.attempt):
+            return f'this FINISH is for another race, or the finish of {kart} has been undone'
+        if kind is CommandKind.READ_ROSTER:
+            roster = command.roster
+            return self._bound(roster) if roster.karts else 'the roster has no kart'
         if entry.names_number == 'reading' and command.reading != self.reading:
             return (
                 f'the last reading is {self.reading}, but you named {command.reading}. Look again'
             )
-        if command.kind is CommandKind.TAKE_ROSTER and command.roster != self._read:
+        if kind is CommandKind.TAKE_ROSTER and command.roster != self._read:
             return 'the file has changed since it was read; read it again'
         if entry.names_number == 'opening' and command.opening != self.opening:
             if not self.opening:
@@ -1567,7 +1551,16 @@ class Race:
                 f'the track was opened since you looked ({how}, {max(came - at, 0.0):.0f} s ago); '
                 'make sure that nobody is on it, then send this command again'
             )
-        return self._not_as_seen(command) if entry.names_karts else ''
+        if not entry.names_karts or concerned == command.karts:
+            return ''
+        if not command.karts:  # typed by hand
+            return f'no kart is named. Add karts: {sorted(concerned)}'
+        text = 'the race has changed since you looked'
+        if concerned - command.karts:
+            text += f'. You did not name {_numbers(concerned - command.karts)}'
+        if command.karts - concerned:
+            text += f'. The command does not apply to {_numbers(command.karts - concerned)}'
+        return f'{text}. Look again'
 
     def _no_such_heat(self, name: str) -> str:
         for heat in self.heats:
@@ -1576,28 +1569,9 @@ class Race:
         names = ', '.join(f'"{heat.name}"' for heat in self.heats)
         return f'the roster has no heat {name[:40]!r}; it has {names}'
 
-    def _held_otherwise(self, kart: Kart, seen: RaceState | None) -> str:
-        if seen is kart.hold:
-            return ''
-        held = f'held in {kart.hold.value}' if kart.hold else 'not held'
-        return f'{kart} has changed since you looked: it is now {held}. Look again'
-
-    def _not_as_seen(self, command: Command) -> str:
-        concerned = {each.number for each in COMMANDS[command.kind].karts(self, command)}
-        if concerned == command.karts:
-            return ''
-        if not command.karts:  # typed by hand
-            return f'no kart is named. Add karts: {sorted(concerned)}'
-        phrases = ['the race has changed since you looked']
-        if concerned - command.karts:
-            phrases.append(f'You did not name {_numbers(concerned - command.karts)}')
-        if command.karts - concerned:
-            phrases.append(f'The command does not apply to {_numbers(command.karts - concerned)}')
-        return '. '.join((*phrases, 'Look again'))
-
     # ----- what the official must state ---------------------------------------------------
 
-    def _state_track_safe(self, command: Command) -> str:
+    def _state_track_safe(self) -> str:
         if not self.past_unknown:
             return 'the track is safe for humans'
         covered = filter(self._covered_by_statement, self.karts.values())
@@ -1607,11 +1581,7 @@ class Race:
             text += f', not even those that have not confirmed a stop: {silent}'
         return text
 
-    def _state_made_safe(self, command: Command) -> str:
-        kart = self.karts[command.kart]
-        return '' if kart.stands else f'{kart} was made safe by hand'
-
-    def _changes(self, command: Command) -> str:
+    def _changes(self) -> str:
         """Return what TAKE_ROSTER would change, as a list of phrases."""
         if not self.reading:
             return ''
@@ -1655,30 +1625,6 @@ class Race:
     def racing(self) -> Iterator[Kart]:
         """Yield the karts in the race, in roster order."""
         return (kart for kart in self.karts.values() if kart.in_race)
-
-    def _humans_allowed(self) -> tuple[bool, str, CommandKind | None]:
-        """Return whether humans are allowed, why, and the command whose statement is missing."""
-        if self.msr_used:
-            return True, 'the Master Safety Remote was used', None
-        if self.state in (GRID_ACTIVE, GREEN_GREEN):
-            return False, f'the race is in {self.state.value}', None
-        unsafe = self._dangers(
-            each for each in self.karts.values() if not self._covered_by_statement(each)
-        )
-        if unsafe:
-            return False, unsafe, None
-        if self.past_unknown:
-            reason = (
-                'race control does not know what happened: look at every kart, then send IN_GARAGE'
-            )
-            return False, reason, CommandKind.IN_GARAGE
-        if self.unstated:
-            reason = f'no official has stated that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for this'
-            return False, reason, CommandKind.OPEN_TRACK
-        if not any(kart.connected for kart in self.karts.values()):
-            reason = 'no kart is connected, so race control does not know what the karts are doing'
-            return True, reason, None
-        return True, 'every connected kart is in IN_GARAGE or has acknowledged its stop', None
 
     def _dangers(self, karts: Iterable[Kart]) -> str:
         # A kart that no command reaches comes first, because a reader may see only the first.
@@ -1805,9 +1751,13 @@ class Race:
             if kart.lost_since is not None:
                 # A kart that is back may not have stopped yet; only its report ends the alert.
                 if kart.may_be_moving:
-                    yield AlertKind.LOST_IN_MOTION, number, self._lost(kart)
+                    text = f'{kart} lost its connection while it may have been moving'
+                    stopped = 'and reports that it has stopped: check that it is not rolling'
+                    how = stopped if kart.stopped else 'but has not stopped yet'
+                    text += f'. It is back {how}' * kart.connected
+                    yield AlertKind.LOST_IN_MOTION, number, text
                 elif not kart.connected:
-                    yield AlertKind.KART_LOST, number, f'{_capital(kart)} lost its connection'
+                    yield AlertKind.KART_LOST, number, f'{kart} lost its connection'
             if kart.connected and kart.may_be_moving and kart.sent in (IN_GARAGE, GRID_ACTIVE):
                 text = f'it reported GREEN_GREEN while being sent {kart.sent.value}'
                 yield AlertKind.MOVING_UNASKED, number, f'Stop {kart} with RED_RED: {text}'
@@ -1832,9 +1782,10 @@ class Race:
                     text = f'{kart} stopped itself while being sent {kart.sent.value}'
                 if alert not in MSR_ALERTS and not kart.connected:
                     text += ' because it is not connected'
-                yield alert, number, _capital(text)
-        if self.track_open and not self._humans_allowed()[0]:
-            yield AlertKind.TRACK_UNSAFE, 0, f'Clear the track: {self._humans_allowed()[1]}'
+                yield alert, number, text
+        access = self.track_access()
+        if access.open and not access.allowed:
+            yield AlertKind.TRACK_UNSAFE, 0, f'Clear the track: {access.reason}'
         if self.has_rival:
             text = (
                 'Another race control is running: shut it down. Until then, nothing can be '
@@ -1854,13 +1805,6 @@ class Race:
             yield AlertKind.BUTTON_FAULT, 0, f'Check the stop button: {self.there.button_fault}'
         if self.record_fails:
             yield AlertKind.RECORD_FAILING, 0, self.record_fails
-
-    @staticmethod
-    def _lost(kart: Kart) -> str:
-        text = f'{_capital(kart)} lost its connection while it may have been moving'
-        stopped = 'and reports that it has stopped: check that it is not rolling'
-        how = stopped if kart.stopped else 'but has not stopped yet'
-        return f'{text}. It is back {how}' if kart.connected else text
 
     def _report_alerts(self, now: float) -> None:
         current = {(alert.kind, alert.kart): alert for alert in self.alerts(now)}
@@ -1887,13 +1831,8 @@ class Race:
         **more: Any,
     ) -> None:
         command, by = (None, '') if self._by is None else (self._by.kind, self._by.official)
-        event = Event(kind, text, kart, state, command, success, chatter, by, **more)
+        event = Event(kind, _capital(text), kart, state, command, success, chatter, by, **more)
         self._events.append(event)
-
-    def _unknown_kart(self, command: Command) -> str:
-        numbers = ', '.join(map(str, sorted(self.karts))) or 'no kart'
-        has = f'the roster has no kart {command.kart}; it has {numbers}'
-        return f'{has}; ALL_KILL stops every kart'
 
     def _outcome(self, answer: Answer | None = None, start: Start | None = None) -> Outcome:
         of_race, karts = (self.number, self.heat), self.karts
@@ -1919,6 +1858,9 @@ NO_RACE_ANYWHERE = 'no race is under way anywhere, and no kart is moving'
 """What an official must state once if race control does not know what happened before."""
 
 NOT_IN_ROSTER = 'no longer in the roster'
+
+NO_KART = Kart(0)
+"""The kart of a command that is not for one kart. The rules only read it."""
 
 SEND_AGAIN = 'Check the race, then send this command again'
 
@@ -1957,12 +1899,8 @@ def _receivers(karts: Iterable[Kart]) -> str:
     return f'{text}; once connected, also to: {absent}' if absent else text
 
 
-def _capital(kart: Kart | str) -> str:
-    text = str(kart)
+def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
-
-
-Guard = Callable[[Race, Command], str]
 
 
 @dataclass(frozen=True)
@@ -1971,17 +1909,16 @@ class Rule:
     One row of the table of commands (§4.B). ``CATALOGUE`` holds what does not depend on the race.
 
     :param effect: puts the command into effect and returns the message to the official.
-    :param refusal: returns why the command is refused now; empty if the command is allowed.
-    :param states: the states of the race in which the command is possible.
+    :param states: the states of the race in which the command is possible. ``Race._refusals`` has
+        every other reason to refuse it.
     :param statement: returns what the official must state; empty if no statement is needed.
     :param karts: returns the karts that the command starts or releases.
     """
 
     effect: Callable[[Race, Command, float], str]
-    refusal: Guard = lambda race, command: ''
-    statement: Guard = lambda race, command: ''
-    karts: Callable[[Race, Command], Iterable[Kart]] = lambda race, command: ()
     states: tuple[RaceState, ...] = tuple(RaceState)
+    statement: Callable[[Race, Kart], str] = lambda race, kart: ''
+    karts: Callable[[Race, Kart], Iterable[Kart]] = lambda race, kart: ()
 
 
 COMMANDS: dict[CommandKind, Rule] = {
@@ -1991,60 +1928,45 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.KART_RED_RED: Rule(Race._stop_kart),
     CommandKind.KART_RED_FLAG: Rule(Race._stop_kart),
     CommandKind.RECORD_MSR: Rule(
-        Race._record_msr,
-        statement=lambda race, command: 'the Master Safety Remote was used',
+        Race._record_msr, statement=lambda race, kart: 'the Master Safety Remote was used'
     ),
     # The race.
     CommandKind.GRID_ACTIVE: Rule(
         Race._grid_active,
-        Race._no_grid_active,
-        lambda race, command: 'the track is clear of humans (this command closes it)',
-        lambda race, command: race.racing(),
-        states=(IN_GARAGE, GRID_ACTIVE),
+        (IN_GARAGE, GRID_ACTIVE),
+        lambda race, kart: 'the track is clear of humans (this command closes it)',
+        lambda race, kart: race.racing(),
     ),
     CommandKind.GREEN_GREEN: Rule(
-        Race._green_green,
-        Race._no_green_green,
-        karts=lambda race, command: race.racing(),
-        states=(GRID_ACTIVE,),
+        Race._green_green, (GRID_ACTIVE,), karts=lambda race, kart: race.racing()
     ),
-    CommandKind.RACE_OVER: Rule(
-        Race._race_over, states=(GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED)
-    ),
+    CommandKind.RACE_OVER: Rule(Race._race_over, (GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED)),
     CommandKind.IN_GARAGE: Rule(
         Race._race_in_garage,
-        Race._no_in_garage,
-        Race._state_track_safe,
-        Race._released_by_garage,
-        states=(GRID_ACTIVE, RED_RED),
+        (GRID_ACTIVE, RED_RED),
+        lambda race, kart: race._state_track_safe(),
+        lambda race, kart: race._released_by_garage(),
     ),
     # One kart.
-    CommandKind.KART_FINISH: Rule(Race._kart_finish, Race._no_finish, states=(GREEN_GREEN,)),
+    CommandKind.KART_FINISH: Rule(Race._kart_finish, (GREEN_GREEN,)),
     CommandKind.KART_IN_GARAGE: Rule(
         Race._release_kart,
-        Race._no_release,
-        Race._state_made_safe,
-        lambda race, command: [race.karts[command.kart]],
+        statement=lambda race, kart: '' if kart.stands else f'{kart} was made safe by hand',
+        karts=lambda race, kart: [kart],
     ),
     # The rest are not buttons in §4.B, so GRID_ACTIVE remains the last button pressed.
     CommandKind.KART_UNDO_FINISH: Rule(
-        Race._kart_undo_finish,
-        Race._no_undo_finish,
-        lambda race, command: f'{race.karts[command.kart]} has not finished',
+        Race._kart_undo_finish, statement=lambda race, kart: f'{kart} has not finished'
     ),
-    CommandKind.JOIN_RACE: Rule(Race._join_race, Race._no_join, states=(IN_GARAGE,)),
-    CommandKind.LEAVE_RACE: Rule(
-        Race._leave_race, Race._no_leave, states=(IN_GARAGE, GRID_ACTIVE)
-    ),
-    CommandKind.SET_HEAT: Rule(Race._set_heat, Race._no_set_heat, states=(IN_GARAGE,)),
-    CommandKind.READ_ROSTER: Rule(Race._read_roster, Race._no_read_roster, states=(IN_GARAGE,)),
+    CommandKind.JOIN_RACE: Rule(Race._join_race, (IN_GARAGE,)),
+    CommandKind.LEAVE_RACE: Rule(Race._leave_race, (IN_GARAGE, GRID_ACTIVE)),
+    CommandKind.SET_HEAT: Rule(Race._set_heat, (IN_GARAGE,)),
+    CommandKind.READ_ROSTER: Rule(Race._read_roster, (IN_GARAGE,)),
     CommandKind.TAKE_ROSTER: Rule(
-        Race._take_roster, Race._no_take_roster, Race._changes, states=(IN_GARAGE,)
+        Race._take_roster, (IN_GARAGE,), lambda race, kart: race._changes()
     ),
     CommandKind.OPEN_TRACK: Rule(
-        Race._open_track,
-        Race._no_open_track,
-        lambda race, command: NO_RACE_ANYWHERE if race.unstated else '',
+        Race._open_track, statement=lambda race, kart: NO_RACE_ANYWHERE if race.unstated else ''
     ),
     CommandKind.CLOSE_TRACK: Rule(Race._close_track),
 }
