@@ -22,11 +22,9 @@ from evgp_rcs.ros.publisher import EVENTS_QOS, RACE_QOS
 from evgp_rcs.rules.inputs import Entry
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs_msgs import msg
-from evgp_testing.domains import Domain
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
-from evgp_testing.official import Official
-from evgp_testing.race_control import address_of, RaceControl, Timekeeper, write_roster
-from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.race_control import Timekeeper, write_roster
+from evgp_testing.wire_race import WireRace
 from evgp_timing.timekeeper import RESULTS_QOS
 import pytest
 from rclpy.qos import (
@@ -69,19 +67,12 @@ def bagged(record: pathlib.Path, code: int = 0) -> Published:
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     """Return the record of the very first race, which went to GREEN_GREEN and was stopped."""
     folder = tmp_path_factory.mktemp('recorded')
-    record = folder / 'record.sqlite3'
-    with (
-        Domain() as domain,
-        RaceControl(folder, domain.number, [1]) as control,
-        Official(domain.number) as official,
-        WireKart(address_of(1), control.port, Acknowledges.EACH_CHANGE),
-    ):
-        official.wait_for_connected(1)
-        official.bring_to(RaceState.GREEN_GREEN)
-        official.call('in_garage', track_safe=True)
-        official.bring_to(RaceState.RED_RED)
-        assert control.close() == 0
-    return record
+    with WireRace(folder, [1]) as race:
+        race.bring_to(RaceState.GREEN_GREEN)
+        race.official.call('in_garage', track_safe=True)
+        race.bring_to(RaceState.RED_RED)
+        assert race.control.close() == 0
+    return folder / 'record.sqlite3'
 
 
 @pytest.fixture

@@ -17,7 +17,6 @@ from evgp_rcs.rules.race import Command, COMMANDS
 from evgp_rcs_msgs import msg, srv
 import pytest
 import race_oracle
-import yaml
 
 DOCS = pathlib.Path(__file__).parents[1] / 'docs'
 
@@ -162,19 +161,3 @@ def test_the_rules_name_the_service_of_every_command() -> None:
     named = {name for row in rows for name in re.findall(r'`(\S+)`', row[1])}
 
     assert {entry.service for entry in CATALOGUE.values()} <= named
-
-
-CALL = r'ros2 service call /rcs/(\S+) evgp_rcs_msgs/srv/(\w+)(?:[ \\\n]+"(\{.*\})")?'
-
-
-def test_a_service_call_in_a_document_has_the_type_and_fields_of_its_command() -> None:
-    by_service = {entry.service: entry for entry in CATALOGUE.values()}
-    pages = DOCS.parent / 'README.md', *DOCS.glob('**/*.md')
-    text = '\n'.join(page.read_text(encoding='utf-8') for page in pages)
-    calls = [call for call in re.findall(CALL, text) if not call[0].startswith('timekeeper/')]
-    for name, type_name, request in calls:
-        entry = by_service[name]
-        assert entry.service_type == type_name, name
-        assert yaml.safe_load(request or '{}').keys() <= fields_of(entry).keys(), name
-
-    assert {name for name, _, _ in calls} >= {'all_kill', 'grid_active', 'kart/finish'}

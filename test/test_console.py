@@ -388,6 +388,7 @@ def test_once_the_last_window_is_gone_or_hangs_its_race_is_sent_red_flag(
         console.block(PATIENCE)
 
     kart.wait_for_state(RED_FLAG)
+    console.kill()  # it would not end in time
 
 
 # ----- what is shown ----------------------------------------------------------------------

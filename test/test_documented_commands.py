@@ -14,12 +14,17 @@ from typing import Any
 
 from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.command_line import parse
+from evgp_rcs_msgs import srv
 import pytest
 from test_documents import DOCUMENTS, ROOT, text_of
 import yaml
 
 VARIABLES = {'PYTHON', *re.findall(r'\$\((\w+)\)', (ROOT / 'Makefile').read_text())}
-SERVICES = {'/kart_bridge/acknowledge', *(f'/rcs/{each.service}' for each in CATALOGUE.values())}
+SERVICES = {
+    '/kart_bridge/acknowledge': 'Acknowledge',
+    **{f'/rcs/{each.service}': each.service_type for each in CATALOGUE.values()},
+}
+"""The type of each service."""
 
 
 def commands(document: str) -> Iterator[list[str]]:
@@ -72,9 +77,8 @@ def test_rcs_ctl_accepts_the_line(words: list[str]) -> None:
 @pytest.mark.parametrize('words', of('ros2', 'service', 'call'))
 def test_the_service_has_the_fields_of_the_request(words: list[str]) -> None:
     service, kind, request = words[3], words[4], yaml.safe_load(' '.join(words[5:])) or {}
-    assert service in SERVICES
-    package, _, name = kind.partition('/srv/')
-    message = getattr(importlib.import_module(f'{package}.srv'), name).Request()
+    assert kind == f'evgp_rcs_msgs/srv/{SERVICES[service]}'
+    message = getattr(srv, SERVICES[service]).Request()
 
     def fill(target: Any, fields: dict[str, Any]) -> None:
         for field, value in fields.items():

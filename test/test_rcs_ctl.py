@@ -275,12 +275,18 @@ def senders(official: Official, number: int) -> list[str]:
     return [event.official for event in official.events if event.kind == event.COMMAND]
 
 
-def test_an_official_at_a_terminal_is_asked_for_a_name_once_and_never_before_a_stop(
+def test_an_official_is_asked_for_a_name_once_at_a_terminal_only_and_never_before_a_stop(
     start_race_control: StartRaceControl, join_official: JoinOfficial, kept: pathlib.Path
 ) -> None:
     control = start_race_control(in_race=(1,))
     official = join_official(control)
     machine = platform.node()
+
+    # Without a terminal nobody is asked, and an option names the official.
+    assert run(control.domain, 'close-track').returncode == ACCEPTED
+    assert run(control.domain, 'all-kill', '--official', 'B\x1bob\n').returncode == ACCEPTED
+    shown = run(control.domain, 'watch', '--events', '--once').stdout
+    assert f'[Bob ({machine})]' in shown
 
     stop = at_terminal(control.domain, 'all-kill')
     assert stop.end() == ACCEPTED
@@ -296,33 +302,9 @@ def test_an_official_at_a_terminal_is_asked_for_a_name_once_and_never_before_a_s
     second = at_terminal(control.domain, 'close-track')
     assert second.end() == ACCEPTED
 
-    assert senders(official, 3) == [
-        f'{UNNAMED} ({machine})',
-        f'Anna ({machine})',
-        f'Anna ({machine})',
-    ]
+    names = (UNNAMED, 'Bob', UNNAMED, 'Anna', 'Anna')
+    assert senders(official, 5) == [f'{name} ({machine})' for name in names]
     assert kept.read_text() == 'Anna\n'
-
-
-def test_without_a_terminal_nobody_is_asked_and_an_option_names_the_official(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, kept: pathlib.Path
-) -> None:
-    control = start_race_control(in_race=(1,))
-    official = join_official(control)
-    machine = platform.node()
-
-    assert run(control.domain, 'close-track').returncode == ACCEPTED
-    assert run(control.domain, '--official', 'Anna', 'close-track').returncode == ACCEPTED
-    assert run(control.domain, 'all-kill', '--official', 'B\x1bob\n').returncode == ACCEPTED
-    shown = run(control.domain, 'watch', '--events', '--once').stdout
-
-    assert senders(official, 3) == [
-        f'{UNNAMED} ({machine})',
-        f'Anna ({machine})',
-        f'Bob ({machine})',
-    ]
-    assert f'[Bob ({machine})]' in shown
-    assert not kept.exists()
 
 
 def test_the_race_goes_to_the_garage_also_when_no_kart_is_left_in_it(desk: Desks) -> None:
@@ -731,11 +713,11 @@ def test_a_stop_with_a_wrong_setting_of_ros_says_that_it_was_not_sent() -> None:
     assert done.stderr.splitlines()[-1] == NO_STOP_SENT
 
 
-def test_a_stop_is_sent_although_ros_can_write_no_log(
+def test_neither_a_log_that_cannot_be_written_nor_a_name_in_another_encoding_keeps_a_stop_back(
     lasting: RaceControl, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv('ROS_LOG_DIR', '/proc/nowhere')
-    done = run(lasting.domain, 'red-flag')
+    done = run(lasting.domain, 'red-flag', '--official', os.fsdecode('Jürgen'.encode('latin-1')))
 
     assert done.returncode == ACCEPTED, done.stderr
 
@@ -766,12 +748,6 @@ def test_the_code_of_what_was_accepted_says_so_although_nobody_could_print_it(
         code = subprocess.call(command, stdout=full, stderr=full, env=domain)
 
     assert code == ACCEPTED
-
-
-def test_a_name_in_another_encoding_keeps_no_stop_back(lasting: RaceControl) -> None:
-    done = run(lasting.domain, 'red-flag', '--official', os.fsdecode('Jürgen'.encode('latin-1')))
-
-    assert done.returncode == ACCEPTED, done.stderr
 
 
 @contextlib.contextmanager

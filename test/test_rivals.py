@@ -31,7 +31,7 @@ def race(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> WireRace:
 def second(folder: pathlib.Path, domain: int, *arguments: str, **parameters: object) -> Process:
     """Start another race control, at another port and with a record of its own."""
     own = folder / 'second'
-    own.mkdir()
+    own.mkdir(exist_ok=True)
     return Process(
         'evgp_rcs',
         'rcs_node',
@@ -42,13 +42,16 @@ def second(folder: pathlib.Path, domain: int, *arguments: str, **parameters: obj
 
 
 def test_a_second_race_control_on_this_machine_does_not_start_and_the_first_goes_on(
-    race: WireRace, tmp_path: pathlib.Path
+    race: WireRace, domain: int, tmp_path: pathlib.Path
 ) -> None:
-    with second(tmp_path, race.domain) as rival:
-        assert rival.wait() == IN_THE_WAY
-
-    (line,) = rival.output.splitlines()
-    assert f'another race control runs on this machine as /rcs on ROS domain {race.domain}' in line
+    runs = f'another race control runs on this machine as /rcs on ROS domain {race.domain}'
+    uses = 'another race control on this machine is using this port'
+    port = race.control.port
+    for where, given, said in ((race.domain, {}, runs), (domain, {'port': port}, uses)):
+        with second(tmp_path, where, **given) as rival:
+            assert rival.wait() == IN_THE_WAY
+        (line,) = rival.output.splitlines()
+        assert said in line
     race.karts[0].wait_for_frames(10)
     race.official.command('all_kill')
 

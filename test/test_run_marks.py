@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import contextlib
 import os
 import pathlib
@@ -14,6 +14,7 @@ import signal
 import sqlite3
 import tempfile
 import time
+from typing import Any
 
 from evgp_node.encoding import read
 from evgp_node.states import state_of
@@ -22,12 +23,11 @@ from evgp_rcs.record.run_mark import place, RUN_BEGAN, RunMark
 from evgp_rcs.record.store import open_read_only
 from evgp_rcs.rules.race import LastRun, RaceMemory
 from evgp_rcs_msgs import msg
-from evgp_testing.domains import Domain
-from evgp_testing.official import Official
 from evgp_testing.process import Process
-from evgp_testing.race_control import address_of, new_port, RaceControl, settings, write_roster
+from evgp_testing.race_control import address_of, new_port, settings, write_roster
 from evgp_testing.usage import family
-from evgp_testing.wire_kart import Acknowledges, kart_socket, WireKart
+from evgp_testing.wire_kart import kart_socket
+from evgp_testing.wire_race import WireRace
 import pytest
 
 IN_GARAGE = RaceState.IN_GARAGE
@@ -45,7 +45,7 @@ def newest_memory(database: sqlite3.Connection) -> RaceMemory:
 class Seen:
     """What the first connection of each kart was sent, and what officials were shown."""
 
-    def __init__(self, sent: set[RaceState], race: msg.Race) -> None:
+    def __init__(self, sent: set[RaceState | None], race: msg.Race) -> None:
         self.sent = sent
         self.race = race
         self.state = state_of(race.state)
@@ -76,80 +76,56 @@ def leave(mark: pathlib.Path, ends_as: LastRun) -> None:
 class Machine:
     """One machine: race controls that run on it one after the other, at one port."""
 
-    def __init__(self, parts: contextlib.ExitStack, folder: pathlib.Path) -> None:
-        """Have a port and a domain of its own."""
-        self.folder, self.parts = folder, parts
-        self.domain = parts.enter_context(Domain()).number
-        self.port = new_port()
+    def __init__(self, folder: pathlib.Path) -> None:
+        """Have a port of its own."""
+        self.folder, self.port = folder, new_port()
         self.at = '127.0.0.1', self.port
         self.mark = place(*self.at)
 
-    def start(
+    def run(
         self,
         folder: str = 'a',
         under: tuple[str, ...] = (),
         others: tuple[int, ...] = (),
-        domain: int | None = None,
         **parameters: object,
-    ) -> RaceControl:
-        """Start race control with roster and record in a folder."""
+    ) -> WireRace:
+        """Start race control with roster and record in a folder, its karts and an official."""
         own = self.folder / folder
         own.mkdir(exist_ok=True)
-        return self.parts.enter_context(
-            RaceControl(
-                own,
-                self.domain if domain is None else domain,
-                KARTS,
-                others,
-                {'port': self.port, 'auto_race_over': False, **parameters},
-                under=under,
-            )
-        )
+        given = {'port': self.port, 'auto_race_over': False, **parameters}
+        return WireRace(own, KARTS, others, others, given, under=under)
 
-    @contextlib.contextmanager
-    def meeting(self, control: RaceControl) -> Iterator[Official]:
-        """Have all karts and an official with a race control."""
-        with contextlib.ExitStack() as stack:
-            self.karts = [
-                stack.enter_context(
-                    WireKart(address_of(number), self.port, Acknowledges.EACH_CHANGE)
-                )
-                for number in KARTS
-            ]
-            official = stack.enter_context(Official(control.domain))
-            official.wait_for_connected(*KARTS)
-            yield official
-
-    def end_well(self, folder: str = 'a', **more: object) -> None:
+    def end_well(self, folder: str = 'a') -> None:
         """Have a run end with nothing under way, and an official who has stated so."""
-        control = self.start(folder, **more)  # type: ignore[arg-type]
-        with self.meeting(control) as official:
-            official.command('set_track_open', open=True, no_race_anywhere=True)
-            official.command('set_track_open', open=False)
-        assert control.close() == 0
+        with self.run(folder) as race:
+            race.official.command('set_track_open', open=True, no_race_anywhere=True)
+            race.official.command('set_track_open', open=False)
+            assert race.control.close() == 0
 
-    def die_in_green(self, folder: str = 'b', **more: object) -> None:
+    def die_in_green(self, **more: Any) -> None:
         """Have a run lose its power while karts race."""
-        control = self.start(folder, **more)  # type: ignore[arg-type]
-        with self.meeting(control) as official:
-            official.bring_to(GREEN_GREEN, *KARTS)
-            control.lose_power()
+        with self.run('b', **more) as race:
+            race.bring_to(GREEN_GREEN)
+            race.control.lose_power()
 
-    def look(self, folder: str = 'a', **more: object) -> Seen:
+    def look(self, folder: str = 'a') -> Seen:
         """Start race control, and return what is seen first; it ends at once."""
-        control = self.start(folder, **more)  # type: ignore[arg-type]
-        with self.meeting(control) as official:
-            for kart in self.karts:
+        with self.run(folder) as race:
+            for kart in race.karts:
                 kart.wait_for_frames(3)
-            race = official.wait_for_race(lambda race: True, 'the race')
-            sent = {state for kart in self.karts for _, state in kart.changes}
-        control.lose_power()
-        return Seen(sent, race)
+            seen = race.official.wait_for_race(lambda race: True, 'the race')
+            race.control.lose_power()
+            return Seen(sent_to(race), seen)
+
+
+def sent_to(race: WireRace) -> set[RaceState | None]:
+    """Return all that the karts were sent."""
+    return {state for kart in race.karts for _, state in kart.changes}
 
 
 @pytest.fixture
-def machine(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Machine:
-    return Machine(parts, tmp_path)
+def machine(tmp_path: pathlib.Path) -> Machine:
+    return Machine(tmp_path)
 
 
 # ----- another record, user, home, unit -------------------------------------------------------
@@ -159,12 +135,11 @@ Ways = Callable[[Machine], None]
 
 
 def all_but_the_user_and_the_port_is_other(machine: Machine) -> None:
-    """Record, disk, home, ROS_HOME, unit, folder, domain and roster at once."""
+    """Record, disk, home, ROS_HOME, unit, folder and roster at once."""
     home = machine.folder / 'home'
     under = ('env', '-C', '/', f'HOME={home}', f'ROS_HOME={home}/ros', 'INVOCATION_ID=another')
-    with Domain() as domain, tempfile.TemporaryDirectory(dir='/dev/shm') as disk:
-        own = {'domain': domain.number, 'others': (3, 4), 'record': f'{disk}/record.sqlite3'}
-        machine.die_in_green('b', under=under, **own)
+    with tempfile.TemporaryDirectory(dir='/dev/shm') as disk:
+        machine.die_in_green(under=under, others=(3, 4), record=f'{disk}/record.sqlite3')
 
 
 def another_user(machine: Machine) -> None:
@@ -173,7 +148,7 @@ def another_user(machine: Machine) -> None:
     under += ('--inh-caps=+dac_read_search', '--ambient-caps=+dac_read_search')
     with tempfile.TemporaryDirectory() as folder:
         pathlib.Path(folder).chmod(0o777)
-        machine.die_in_green('b', under=under, record=f'{folder}/record.sqlite3')
+        machine.die_in_green(under=under, record=f'{folder}/record.sqlite3')
 
 
 @pytest.mark.parametrize(
@@ -193,13 +168,12 @@ def test_after_a_crash_no_start_on_this_machine_proves_anything_whatever_record_
 def test_on_a_new_machine_and_after_a_good_end_it_begins_in_the_garage_with_any_record(
     machine: Machine,
 ) -> None:
-    control = machine.start('a')
-    with machine.meeting(control) as official:
-        for kart in machine.karts:
+    with machine.run() as race:
+        for kart in race.karts:
             kart.wait_for_state(IN_GARAGE)
-        race = official.wait_for_race(lambda race: True, 'the race')
-        assert (state_of(race.state), race.track.open) == (IN_GARAGE, False)
-    assert control.close() == 0
+        seen = race.official.wait_for_race(lambda race: True, 'the race')
+        assert (state_of(seen.state), seen.track.open) == (IN_GARAGE, False)
+        assert race.control.close() == 0
     machine.end_well('b')
     assert machine.look('a').begins
 
@@ -220,12 +194,12 @@ def test_where_the_place_of_the_mark_is_private_nothing_is_proved_and_no_race_st
     machine: Machine,
 ) -> None:
     machine.end_well()
-    control = machine.start('a', under=in_private_tmp(machine.folder))
-    with machine.meeting(control) as official:
-        race = official.wait_for_race(lambda race: race.alerts, 'an alert')
-        assert {state for kart in machine.karts for _, state in kart.changes} == {RED_RED}
-        assert state_of(race.state) is RED_RED
-        text = next(a.text for a in race.alerts if a.kind == msg.Alert.RECORD_FAILING)
+    with machine.run(under=in_private_tmp(machine.folder)) as race:
+        official = race.official
+        seen = official.wait_for_race(lambda race: race.alerts, 'an alert')
+        assert sent_to(race) == {RED_RED}
+        assert state_of(seen.state) is RED_RED
+        text = next(a.text for a in seen.alerts if a.kind == msg.Alert.RECORD_FAILING)
         assert str(machine.mark) in text
         official.bring_to(IN_GARAGE)
         official.command('set_track_open', open=False)
@@ -234,7 +208,7 @@ def test_where_the_place_of_the_mark_is_private_nothing_is_proved_and_no_race_st
         record = machine.folder / 'a' / 'record.sqlite3'
         with contextlib.closing(open_read_only(record)) as database:
             official.wait_until_polled(lambda: newest_memory(database).at_rest, 'the memory')
-    control.lose_power()
+        race.control.lose_power()
     # No kart had been on the grid: the run that ended well before is still the last.
     assert machine.look().begins
 
@@ -246,20 +220,20 @@ def test_a_mark_that_cannot_be_used_is_said_and_once_it_is_gone_a_race_may_start
     machine.mark.unlink()
     machine.mark.mkdir()
     try:
-        control = machine.start()
-        with machine.meeting(control) as official:
+        with machine.run() as race:
+            official = race.official
             official.wait_for_race(
                 lambda race: msg.Alert.RECORD_FAILING in {a.kind for a in race.alerts}, 'alert'
             )
-            assert {state for kart in machine.karts for _, state in kart.changes} == {RED_RED}
+            assert sent_to(race) == {RED_RED}
             machine.mark.rmdir()
             official.wait_for_race(
                 lambda race: msg.Alert.RECORD_FAILING not in {a.kind for a in race.alerts},
                 'no alert',
             )
             assert machine.mark.read_text(encoding='ascii').strip() == RUN_BEGAN
-            official.bring_to(GREEN_GREEN, *KARTS)
-            control.lose_power()
+            race.bring_to(GREEN_GREEN)
+            race.control.lose_power()
     finally:
         if machine.mark.is_dir():
             machine.mark.rmdir()
@@ -283,12 +257,12 @@ def cut_off(process: Process) -> None:
 
 @pytest.mark.parametrize('times', [4, pytest.param(30, marks=pytest.mark.long)])
 def test_whenever_a_start_is_cut_off_the_mark_says_began_before_a_kart_can_connect(
-    machine: Machine, chance: random.Random, times: int
+    machine: Machine, domain: int, chance: random.Random, times: int
 ) -> None:
     given = settings(machine.folder, write_roster(machine.folder, KARTS))
     for _ in range(times):
         leave(machine.mark, LastRun.ENDED)
-        process = Process('evgp_rcs', 'rcs_node', machine.domain, {**given, 'port': machine.port})
+        process = Process('evgp_rcs', 'rcs_node', domain, {**given, 'port': machine.port})
         until = time.monotonic() + chance.uniform(0.2, 3.0)
         connected = False
         while time.monotonic() < until and not connected:
@@ -307,12 +281,11 @@ def test_whenever_an_end_is_cut_off_a_kart_that_is_held_is_not_forgotten(
 ) -> None:
     for at in range(times):
         leave(machine.mark, LastRun.ENDED)
-        control = machine.start(f'run-{at}')
-        with machine.meeting(control) as official:
-            for kart in machine.karts:
+        with machine.run(f'run-{at}') as race:
+            for kart in race.karts:
                 kart.wait_for_state(IN_GARAGE)
-            official.command('kart/red_red', kart=1)
-            control.process.terminate()
+            race.official.command('kart/red_red', kart=1)
+            race.control.process.terminate()
             time.sleep(chance.uniform(0.0, 0.5))  # what is tested is when it is cut off
-            cut_off(control)
+            cut_off(race.control)
         assert machine.mark.read_text(encoding='ascii').strip() == RUN_BEGAN

@@ -21,13 +21,11 @@ from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.timing import entries
 from evgp_rcs_msgs import msg, srv
-from evgp_testing.domains import Domain
-from evgp_testing.official import Official
 from evgp_testing.part import Part
 from evgp_testing.process import Process
-from evgp_testing.race_control import address_of, RaceControl, write_roster
+from evgp_testing.race_control import write_roster
 from evgp_testing.ros_side import RosSide
-from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_race import WireRace
 from evgp_timing.corrections import CORRECTIONS
 from evgp_timing.desk import What
 from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS, told_of
@@ -129,28 +127,12 @@ class Event(Part):
         self._folder, self.book = folder, folder / 'timing.sqlite3'
         self._settings = {'min_lap_time': 1.0, 'clock_tolerance': clock_tolerance}
         with contextlib.ExitStack() as stack:
-            self.domain = stack.enter_context(Domain()).number
-            self.control = stack.enter_context(
-                RaceControl(folder, self.domain, KARTS, heats=HEATS)
-            )
-            self.official = stack.enter_context(Official(self.domain))
+            self._race = stack.enter_context(WireRace(folder, KARTS, heats=HEATS))
+            self.domain, self.official = self._race.domain, self._race.official
+            self.karts = self._race.karts
             self.line = stack.enter_context(Line(self.domain))
             self._stack = stack.pop_all()
-        self.karts: list[WireKart] = []
         self.timekeeper = self.start_timekeeper()
-        self.connect()
-
-    def connect(self) -> None:
-        """Have every kart connect to race control."""
-        for each in self.karts:
-            each.close()
-        self.karts = [
-            self._stack.enter_context(
-                WireKart(address_of(number), self.control.port, Acknowledges.EACH_CHANGE)
-            )
-            for number in KARTS
-        ]
-        self.official.wait_for_connected(*KARTS)
 
     def start_timekeeper(self) -> Process:
         """Start a timekeeper with the book of the one before."""
@@ -163,9 +145,9 @@ class Event(Part):
 
     def bring_to(self, state: RaceState) -> None:
         """Bring the race to a state, with the heat in it."""
-        self.official.bring_to(RaceState.IN_GARAGE, *KARTS)
+        self._race.bring_to(RaceState.IN_GARAGE)
         self.official.command('set_heat', heat=HEAT)
-        self.official.bring_to(state, *KARTS)
+        self._race.bring_to(state)
 
     def race(self, number: int) -> None:
         """Start a race of the heat, which is the one with this number in the event."""

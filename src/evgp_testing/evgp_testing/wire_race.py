@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 import contextlib
 import pathlib
+from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
@@ -28,6 +29,7 @@ class WireRace(Part):
     :param others: the numbers of the karts that are only in the roster.
     :param absent: the numbers of roster karts that do not connect.
     :param parameters: more ROS parameters of race control.
+    :param more: further arguments of ``RaceControl``, such as its heats.
     """
 
     def __init__(
@@ -37,13 +39,14 @@ class WireRace(Part):
         others: Collection[int] = (),
         absent: Collection[int] = (),
         parameters: Mapping[str, object] | None = None,
+        **more: Any,
     ) -> None:
         self.racing = tuple(racing)
         present = [number for number in (*racing, *others) if number not in absent]
         with contextlib.ExitStack() as stack:
             self.domain = stack.enter_context(Domain()).number
             self.control = stack.enter_context(
-                RaceControl(folder, self.domain, racing, others, parameters)
+                RaceControl(folder, self.domain, racing, others, parameters, **more)
             )
             self.official = stack.enter_context(Official(self.domain))
             self.karts = [
