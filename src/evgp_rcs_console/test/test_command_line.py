@@ -56,14 +56,11 @@ def test_a_wrong_line_says_that_nothing_was_sent_and_of_what_may_be_a_stop_that_
     assert capsys.readouterr().err.splitlines()[-1] == said
 
 
-def test_a_name_keeps_its_letters() -> None:
+def test_a_name_keeps_its_letters_and_the_time_to_wait_may_come_before_the_command() -> None:
     assert parse(['HEAT', 'Heat A']).heat == 'Heat A'
     assert parse(['--official', 'Watch', 'join', '7']).official == 'Watch'
-
-
-@pytest.mark.parametrize('line', ['--wait 2 all-kill', 'all-kill --wait 2'])
-def test_the_time_to_wait_may_come_before_the_command_or_after_it(line: str) -> None:
-    assert (parse(line.split()).command, parse(line.split()).wait) == ('all-kill', 2.0)
+    for line in ('--wait 2 all-kill', 'all-kill --wait 2'):
+        assert (parse(line.split()).command, parse(line.split()).wait) == ('all-kill', 2.0)
 
 
 @pytest.mark.parametrize('command', [CommandKind.ALL_KILL, CommandKind.RACE_OVER])

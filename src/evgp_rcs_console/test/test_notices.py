@@ -39,11 +39,6 @@ def see_all(book: AlertBook) -> None:
     book.see([notice.number for notice in unseen(book)])
 
 
-def told(book: AlertBook) -> list[str]:
-    """Return the notices that are not seen yet, with their headings."""
-    return [str(notice) for notice in unseen(book)]
-
-
 def msr_alert(kart: int) -> Alert:
     """Return an alert that asks for the MSR because of a kart."""
     text = f'Kart {kart} has not acknowledged RED_RED'
@@ -63,11 +58,11 @@ def event(sequence: int, text: str, kart: int = 0, success: bool = True) -> Stam
 def test_an_alert_that_has_ended_stays_until_it_is_seen_and_does_not_say_to_use_the_msr() -> None:
     book = AlertBook()
     book.update([msr_alert(3)])
-    assert told(book) == ['⚠ USE THE MSR: Kart 3 has not acknowledged RED_RED']
+    assert [*map(str, unseen(book))] == ['⚠ USE THE MSR: Kart 3 has not acknowledged RED_RED']
 
     book.update([])
 
-    assert told(book) == ['ENDED: Kart 3 had not acknowledged RED RED']
+    assert [*map(str, unseen(book))] == ['ENDED: Kart 3 had not acknowledged RED RED']
     assert 'MSR' not in summary(book.shown, 0).text
     see_all(book)
     assert book.shown == []
@@ -79,7 +74,7 @@ def test_an_alert_of_the_console_itself_stays_through_every_race_until_it_is_see
     book.update([alert(7)])
     book.update([])
     book.begin_race()
-    assert told(book) == ['! ALERT: ALL KILL is no longer sent']
+    assert [*map(str, unseen(book))] == ['! ALERT: ALL KILL is no longer sent']
 
     see_all(book)
 
@@ -104,10 +99,12 @@ def test_what_is_unseen_and_needs_the_msr_stands_first_and_what_is_seen_last() -
     book = AlertBook()
     book.update([msr_alert(1), alert(2)])
     see_all(book)
-    book.update([alert(5), msr_alert(4), alert(3), msr_alert(1), alert(2)])
-    book.update([alert(5), msr_alert(4), msr_alert(1), alert(2)])
+    assert book.update([alert(5), msr_alert(4), alert(3), msr_alert(1), alert(2)])
+    assert not book.update([alert(5), msr_alert(4), msr_alert(1), alert(2)])
 
     assert [notice.kart for notice in book.shown] == [4, 5, 3, 1, 2]
+    # Of the unseen ones, the newest is first.
+    assert [notice.kart for notice in unseen(book)] == [5, 4, 3]
 
 
 def test_alerts_that_find_no_place_are_told_with_their_karts_and_first_those_of_the_msr() -> None:
@@ -119,41 +116,18 @@ def test_alerts_that_find_no_place_are_told_with_their_karts_and_first_those_of_
     assert said == ['⚠ MSR 4, 5', '5 new; not shown: kart 9', '5 new']
 
 
-def test_alerts_stand_newest_first() -> None:
-    book = AlertBook()
-
-    first = book.update([alert(1)])
-    second = book.update([alert(2), alert(1)])
-    same = book.update([alert(2), alert(1)])
-
-    assert (first, second, same) == (True, True, False)
-    together = AlertBook()
-    together.update([alert(2), alert(1)])
-    for each in (book, together):
-        assert [notice.kart for notice in unseen(each)] == [2, 1]
-
-
-def test_an_alert_that_is_seen_and_stands_is_not_forgotten() -> None:
+def test_an_alert_is_not_forgotten_once_it_is_seen_but_to_be_seen_again_if_it_comes_again() -> (
+    None
+):
     book = AlertBook()
     book.update([alert(1)])
-
     see_all(book)
-
-    assert sentences(book) == []
     assert [notice.seen for notice in book.shown] == [True]
     book.update([])
     assert book.shown == []
 
+    assert book.update([alert(1)])
 
-def test_an_alert_that_comes_again_is_to_be_seen_again() -> None:
-    book = AlertBook()
-    book.update([alert(1)])
-    see_all(book)
-    book.update([])
-
-    again = book.update([alert(1)])
-
-    assert again
     assert sentences(book) == ['Kart 1 lost its connection']
 
 
@@ -186,32 +160,16 @@ def test_a_new_text_of_an_alert_is_shown() -> None:
     assert sentences(book) == ['kart 2 is not stopped']
 
 
-def test_the_log_of_a_kart_has_what_concerns_it_and_what_concerns_all() -> None:
+def test_the_log_of_a_kart_has_what_concerns_it_and_all_and_a_refusal_is_marked() -> None:
     log = EventLog(OfficialNames())
     for sequence, kart in enumerate((0, 1, 2), start=1):
-        log.add(event(sequence, f'event of {kart}', kart))
+        log.add(event(sequence, f'event of {kart}', kart, success=kart != 2))
 
-    assert [line.text for line in log.lines(2)] == ['event of 0', 'event of 2']
+    assert [(line.clock, line.text) for line in log.lines(2)] == [
+        (time_of_day(0.0), 'event of 0'),
+        (time_of_day(0.0), '✗ event of 2'),
+    ]
     assert len(log.lines()) == 3
-
-
-def test_a_refusal_is_marked_in_the_log() -> None:
-    log = EventLog(OfficialNames())
-
-    log.add(event(1, 'GREEN_GREEN refused', success=False))
-    (line,) = log.lines()
-
-    assert (line.clock, line.text) == (time_of_day(0.0), '✗ GREEN_GREEN refused')
-
-
-def test_a_race_control_that_was_started_again_is_told_in_the_log() -> None:
-    log = EventLog(OfficialNames())
-    log.add(event(1, 'one'))
-    log.add(event(2, 'two'))
-
-    log.add(event(1, 'three'))
-
-    assert [line.text for line in log.lines()][2:] == [texts.NEW_RUN, 'three']
 
 
 def said_in_a_race(*karts: int) -> list[str]:
@@ -301,9 +259,8 @@ def test_a_line_of_several_karts_is_of_each_of_them_and_only_what_is_the_same_jo
 
 def test_a_stop_that_came_late_says_so_in_the_log() -> None:
     kill = Event(EventKind.COMMAND, 'so it is', command=CommandKind.ALL_KILL)
-    happened = kill._replace(official='Anna (pc 1)', after=65.0)
     log = EventLog(OfficialNames())
-    log.add(StampedEvent(1, 0, 0.0, happened))
+    log.add(StampedEvent(1, 0, 0.0, kill._replace(official='Anna (pc 1)', after=65.0)))
 
     assert [line.text for line in log.lines()] == ['ALL KILL, pressed 65 s ago · Anna']
 

@@ -37,23 +37,16 @@ def test_every_stop_is_pressed_again_until_it_is_accepted(command: CommandKind) 
     given = Given(command, kart_of(command), at=0.0)
     stops.add(given, 0.0)
 
-    pressed = [stops.press(PRESS_AGAIN * n, found) for n in range(4)]
-
-    assert pressed == [[given]] * 4
+    for n in range(4):
+        assert stops.press(PRESS_AGAIN * n, found) == [given]
+        assert stops.press(PRESS_AGAIN * (n + 1) - 0.01, found) == []
+    assert stops.next_press(PRESS_AGAIN * 3 + 0.1) == pytest.approx(PRESS_AGAIN - 0.1)
     (stop,) = stops.pressed
     assert (stop.presses, stop.since) == (4, 0.0)
     assert stops.accepted(given)
     assert stops.press(99.0, found) == []
     assert stops.next_press(99.0) == PRESS_AGAIN
-
-
-def test_a_stop_is_not_pressed_before_its_time() -> None:
-    stops = StandingStops()
-    stops.add(Given(CommandKind.RED_FLAG, at=0.0), 0.0)
-    stops.press(0.0, found)
-
-    assert stops.press(PRESS_AGAIN - 0.01, found) == []
-    assert stops.next_press(0.1) == pytest.approx(PRESS_AGAIN - 0.1)
+    assert [request(given, at)['age'] for at in (-1.0, 0.0, 65.0)] == [0.0, 0.0, 65.0]
 
 
 def test_stops_of_several_karts_stand_beside_each_other() -> None:
@@ -81,19 +74,9 @@ def test_an_official_who_presses_again_waits_for_the_answer_to_that() -> None:
     assert stops.accepted(second)
 
 
-def test_a_stop_that_is_refused_for_good_is_given_up() -> None:
+def test_a_stop_that_failed_is_pressed_on_and_says_why_until_it_is_refused_for_good() -> None:
     stops = StandingStops()
     given = Given(CommandKind.KART_RED_RED, 99, at=0.0)
-    stops.add(given, 0.0)
-
-    stops.refused(given, 'there is no kart 99 in the roster', final=True)
-
-    assert stops.pressed == ()
-
-
-def test_a_stop_that_failed_is_pressed_on_and_says_why() -> None:
-    stops = StandingStops()
-    given = Given(CommandKind.RED_FLAG, at=0.0)
     stops.add(given, 0.0)
 
     stops.refused(given, 'race control ends', final=False)
@@ -101,6 +84,8 @@ def test_a_stop_that_failed_is_pressed_on_and_says_why() -> None:
     (stop,) = stops.pressed
     assert stop.said == 'race control ends'
     assert stops.press(PRESS_AGAIN, found) == [given]
+    stops.refused(given, 'there is no kart 99 in the roster', final=True)
+    assert stops.pressed == ()
 
 
 @pytest.mark.parametrize(
@@ -117,42 +102,29 @@ def test_what_an_official_loosens_later_ends_the_stops_given_before(later: Comma
     assert stand == [CommandKind.ALL_KILL, CommandKind.RECORD_MSR]
 
 
-def test_the_release_of_a_kart_ends_the_stops_of_that_kart_only() -> None:
+def test_the_release_of_a_kart_ends_the_stops_of_that_kart_only_and_no_later_one() -> None:
     stops = StandingStops()
     for kart in (1, 2):
         stops.add(Given(CommandKind.KART_RED_RED, kart, at=0.0), 0.0)
         stops.add(Given(CommandKind.KART_RED_FLAG, kart, at=0.0), 0.0)
+    later = Given(CommandKind.KART_RED_RED, 1, at=2.0)
+    stops.add(later, 2.0)
 
     stops.accepted(Given(CommandKind.KART_IN_GARAGE, 1, at=1.0))
 
-    assert [stop.given.kart for stop in stops.pressed] == [2, 2]
-
-
-def test_a_stop_given_after_what_loosens_stands() -> None:
-    stops = StandingStops()
-    loosens = Given(CommandKind.KART_IN_GARAGE, 1, at=0.0)
-    stop = Given(CommandKind.KART_RED_RED, 1, at=1.0)
-    stops.add(stop, 1.0)
-
-    stops.accepted(loosens)
-
-    assert stops.waits(stop)
-
-
-@pytest.mark.parametrize('command', STOPS)
-def test_each_time_that_a_stop_is_sent_it_says_how_old_its_press_is(command: CommandKind) -> None:
-    given = Given(command, kart_of(command), at=100.0)
-
-    assert [request(given, at)['age'] for at in (99.0, 100.0, 165.0)] == [0.0, 0.0, 65.0]
+    assert sorted(stop.given.kart for stop in stops.pressed) == [1, 2, 2]
+    assert stops.waits(later)
 
 
 def test_what_a_press_has_waited_in_a_window_is_told_and_ends_no_stop() -> None:
     given = Given(CommandKind.ALL_KILL, at=100.0, waited=60.0)
     stops = StandingStops()
-    stops.add(given, 100.0)
+    stops.add(Given(CommandKind.ALL_KILL, at=0.0), 0.0)
+    stops.add(given, 100.0)  # an old stop that is pressed again is a new one
 
     assert request(given, 101.0)['age'] == 61.0
     assert stops.superseded(99.0, 120.0) == []
+    assert stops.waits(given)
 
 
 @pytest.mark.parametrize('command', STOPS)
@@ -174,21 +146,15 @@ def test_an_old_stop_ends_where_a_later_race_has_certainly_begun(command: Comman
     assert stops.pressed == ()
 
 
-def test_an_old_stop_that_is_pressed_again_is_a_new_one() -> None:
-    first, second = Given(CommandKind.ALL_KILL, at=0.0), Given(CommandKind.ALL_KILL, at=60.0)
-    stops = StandingStops()
-    stops.add(first, 0.0)
-    stops.add(second, 60.0)
-
-    assert stops.superseded(30.0, 61.0) == []
-    assert stops.waits(second)
-
-
 @pytest.mark.parametrize('comes', [True, False], ids=['it comes', 'none comes'])
-def test_an_old_stop_waits_for_a_snapshot_once_race_control_is_found_again(comes: bool) -> None:
+def test_only_an_old_stop_waits_for_a_snapshot_once_race_control_is_found_again(
+    comes: bool,
+) -> None:
     given = Given(CommandKind.ALL_KILL, at=0.0)
     stops = StandingStops()
     stops.add(given, 0.0)
+    for n in range(int(OUTLIVES / PRESS_AGAIN) + 1):
+        assert stops.press(n * PRESS_AGAIN, lambda _, n=n: n % 2 == 0) == [given]
     sent = []
     for at in (20.0, 20.5, 21.0, 21.5, 22.0, 22.5, 23.0):
         if comes and at == 21.5:
@@ -196,15 +162,6 @@ def test_an_old_stop_waits_for_a_snapshot_once_race_control_is_found_again(comes
         sent.append(bool(stops.press(at, lambda _, at=at: at > 20.0)))
 
     assert sent == [False, False, False, comes, comes, True, True]
-
-
-def test_a_stop_that_is_not_old_waits_for_nothing() -> None:
-    given = Given(CommandKind.ALL_KILL, at=0.0)
-    stops = StandingStops()
-    stops.add(given, 0.0)
-
-    for n in range(int(OUTLIVES / PRESS_AGAIN) + 1):
-        assert stops.press(n * PRESS_AGAIN, lambda _, n=n: n % 2 == 0) == [given]
 
 
 def test_when_a_race_began_is_known_by_the_snapshot_that_came_fastest() -> None:

@@ -12,12 +12,11 @@ from evgp_rcs_console.commands import Given, LATE, Standing, Unanswered
 def test_the_answer_to_an_older_press_leaves_the_newer_one_waiting() -> None:
     unanswered = Unanswered()
     older, newer = (Given(CommandKind.RACE_OVER, at=at) for at in (1.0, 2.0))
-    unanswered.add(older)
-    unanswered.add(newer)
+    for given in (older, newer):
+        unanswered.add(given)
 
     unanswered.answered(older)
     assert unanswered.ages(5.0) == {(CommandKind.RACE_OVER, 0): 3.0}
-
     unanswered.answered(newer)
     assert not unanswered
 
