@@ -148,6 +148,18 @@ def test_buttons_that_are_gone_keep_no_window_from_being_heard(presences: Presen
     assert presences.attendance(10.0 + SILENT_AFTER)[:2] == (1, 'window')
 
 
+def test_a_window_that_is_gone_gives_way_and_not_the_button_that_officials_miss(
+    presences: Presences,
+) -> None:
+    presences.hear(button('button'), 10.0)
+    for number in range(1, MOST_PROGRAMS):
+        presences.hear(Word(str(number)), 10.0)
+    later = 10.0 + SILENT_AFTER
+
+    assert presences.hear(Word('new'), later)
+    assert presences.attendance(later).button_fault
+
+
 def test_an_official_who_gives_a_name_later_is_named(presences: Presences) -> None:
     presences.hear(Word(), 10.0)
     presences.hear(Word(official='Anna'), 10.5)

@@ -101,6 +101,7 @@ class Presences:
         with self._lock:
             program = self._programs.get(key)
             if program is None:
+                self._forget(now)  # so that a window that is gone gives way, and not a button
                 missed = (each for each, other in self._programs.items() if other.is_gone(now))
                 if len(self._programs) >= MOST_PROGRAMS:
                     if (first := next(missed, None)) is None:
