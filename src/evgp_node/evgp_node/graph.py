@@ -461,10 +461,10 @@ def _private_file(content: str) -> str:
 
     :raises GraphError: if no such file can be written.
     """
-    # Fast DDS requires a file with a name, which a memfd does not have. It is in memory because
-    # the disk may be full or hang, and a stop must be sent, and race control start, even then.
+    # Fast DDS requires a file with a name, which a memfd does not have. If the disk is full, the
+    # file is in memory, because a stop must be sent, and race control start, even then.
     data = content.encode()
-    for folder in ('/dev/shm', None):  # noqa: S108 - other users cannot take this file's name
+    for folder in (None, '/dev/shm'):  # noqa: S108 - other users cannot take this file's name
         with contextlib.suppress(OSError):
             file = tempfile.NamedTemporaryFile(  # noqa: SIM115
                 buffering=0, prefix='evgp-graph-', suffix='.xml', dir=folder
@@ -472,7 +472,7 @@ def _private_file(content: str) -> str:
             if file.write(data) == len(data):
                 _profiles.append(file)
                 return file.name
-    raise GraphError('no file can be written to /dev/shm or to /tmp. Make room in one of them')
+    raise GraphError('no file can be written to /tmp or to /dev/shm. Make room in one of them')
 
 
 _profiles: list[tempfile._TemporaryFileWrapper[bytes]] = []
