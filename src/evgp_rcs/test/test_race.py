@@ -310,14 +310,16 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
         (
             'GREEN_GREEN',
             1,
-            'kart 1 (Ohm) is being sent GREEN_GREEN; only a kart sent a red can be released',
+            'kart 1 (Ohm) is being sent GREEN_GREEN; only a kart sent a red can be released. Stop '
+            'it with RED_RED first',
         ),
     ],
     'LEAVE_RACE': [
         (
             'GREEN_GREEN',
             1,
-            'the race is in GREEN_GREEN; LEAVE_RACE is possible only in IN_GARAGE or GRID_ACTIVE',
+            'the race is in GREEN_GREEN; LEAVE_RACE is possible only in IN_GARAGE or GRID_ACTIVE. '
+            'Stop the kart with RED_RED instead',
         ),
     ],
     'OPEN_TRACK': [

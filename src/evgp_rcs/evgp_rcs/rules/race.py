@@ -1393,11 +1393,13 @@ class Race:
         if CATALOGUE[kind].loosens and self.cut_off_by:
             yield f'race control is still cut off from the karts: {self.cut_off_by}'
         if self.state not in COMMANDS[kind].states:
-            ends = kind is CommandKind.IN_GARAGE and self.state in (GREEN_GREEN, RED_FLAG)
-            first = '. Send RACE_OVER or ALL_KILL first' * ends
             possible = ' or '.join(state.value for state in COMMANDS[kind].states)
             text = f'the race is in {self.state.value}; {kind.value} is possible only in '
-            yield f'{text}{possible}{first}'
+            cure = {
+                CommandKind.IN_GARAGE: '. Send RACE_OVER or ALL_KILL first',
+                CommandKind.LEAVE_RACE: '. Stop the kart with RED_RED instead',
+            }.get(kind, '')
+            yield f'{text}{possible}{cure * (self.state in (GREEN_GREEN, RED_FLAG))}'
         match kind:
             case CommandKind.GRID_ACTIVE:
                 yield self._uninspected(self.racing())
@@ -1444,8 +1446,8 @@ class Race:
                 if kart.number not in self.starters:
                     yield f'the order of FINISH already names {kart}; correct it at the timekeeper'
             case CommandKind.KART_IN_GARAGE if not kart.sent.is_red:
-                sent = kart.sent.value
-                yield f'{kart} is being sent {sent}; only a kart sent a red can be released'
+                text = f'{kart} is being sent {kart.sent.value}; only a kart sent a red can be released'
+                yield text + '. Stop it with RED_RED first' * (kart.sent is not IN_GARAGE)
             case CommandKind.JOIN_RACE:
                 if kart.in_race:
                     yield f'{kart} is already in the race'
