@@ -722,12 +722,12 @@ def test_the_examples_drive_a_race_and_stop_when_the_real_race_control_hangs(
 def test_a_terminal_that_takes_no_more_text_delays_no_stop(
     example: str, command_of: Callable[[str], tuple[str, ...]], parts: contextlib.ExitStack
 ) -> None:
-    control = parts.enter_context(BareRaceControl())
+    control = BareRaceControl()
     there, terminal = os.pipe()
     parts.callback(os.close, there)
     parts.callback(os.close, terminal)
     command = [*command_of(example), str(control.port), address_of(1)]
-    kart = parts.enter_context(subprocess.Popen(command, stdout=terminal))
+    kart = parts.enter_context(subprocess.Popen(command, stdout=terminal, stderr=terminal))
     parts.callback(kart.kill)
     control.wait_for_connections(1)
     control.exchange(GRID)
@@ -738,8 +738,11 @@ def test_a_terminal_that_takes_no_more_text_delays_no_stop(
     os.set_blocking(terminal, True)  # from now on, whatever is printed waits
     for state in (GREEN, RED, GRID, GREEN):
         control.exchange(state)
-    control.hang_up()
-    control.wait_for_connections(2)
+    control.close()
+    time.sleep(1.0)  # so that an attempt to connect has failed
+    listening = socket.create_server(('127.0.0.1', control.port))
+    back = parts.enter_context(BareRaceControl(listening=listening))
+    back.wait_for_connections(1)
 
 
 @pytest.mark.parametrize('example', EXAMPLES)

@@ -83,6 +83,15 @@ static void wait_for_turn(void)
     (void)poll(NULL, 0, TURN_MS);
 }
 
+/* Return whether a terminal takes text now: a kart that waits for it does not stop. */
+static int takes_text(int terminal)
+{
+    struct pollfd look;
+    look.fd = terminal;
+    look.events = POLLOUT;
+    return poll(&look, 1, 0) == 1;
+}
+
 /* ----- the connection ------------------------------------------------------------------------ */
 
 static struct sockaddr_in race_control, own;
@@ -124,7 +133,9 @@ static int connect_it(void)
     if (error == 0) {
         return 1;
     }
-    fprintf(stderr, "connecting: %s\n", strerror(error));
+    if (takes_text(STDERR_FILENO)) {
+        fprintf(stderr, "connecting: %s\n", strerror(error));
+    }
     hang_up();
     return 0;
 }
@@ -160,7 +171,6 @@ int main(int argc, char **argv)
                                            join, connect_it, take,  say,   hang_up};
     evgp_board board;
     evgp_verdict printed;
-    struct pollfd terminal;
     has_own = argc > 3;
     if (argc < 2 || argc > 4 ||
         !read_address(argv[1], argc > 2 ? argv[2] : "12017", &race_control) ||
@@ -172,8 +182,6 @@ int main(int argc, char **argv)
     signal(SIGTERM, end);
     evgp_board_begin(&board, &hardware, evgp_default_settings());
     memset(&printed, 0, sizeof printed);
-    terminal.fd = STDOUT_FILENO;
-    terminal.events = POLLOUT;
 
     while (!ending || speed > 0.0) {
         evgp_verdict verdict;
@@ -181,9 +189,8 @@ int main(int argc, char **argv)
         evgp_kart_team_stop(&board.kart, EVGP_STOP_BUTTON, ending, now());
         verdict = evgp_board_turn(&board);
         drive();
-        /* Ask a terminal that takes no text now again: a kart that waits for it does not stop. */
         if ((verdict.obey != printed.obey || verdict.order != printed.order) &&
-            poll(&terminal, 1, 0) == 1) {
+            takes_text(STDOUT_FILENO)) {
             printf("obey %s %s\n", evgp_name(verdict.obey), evgp_kart_reason(&board.kart));
             fflush(stdout);
             printed = verdict;

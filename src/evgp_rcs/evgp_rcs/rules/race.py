@@ -1446,8 +1446,9 @@ class Race:
                 if kart.number not in self.starters:
                     yield f'the order of FINISH already names {kart}; correct it at the timekeeper'
             case CommandKind.KART_IN_GARAGE if not kart.sent.is_red:
-                text = f'{kart} is being sent {kart.sent.value}; only a kart sent a red can be released'
-                yield text + '. Stop it with RED_RED first' * (kart.sent is not IN_GARAGE)
+                sent, stop = kart.sent, '. Stop it with RED_RED first'
+                text = f'{kart} is being sent {sent.value}; only a kart sent a red can be released'
+                yield text + stop * (sent is not IN_GARAGE)
             case CommandKind.JOIN_RACE:
                 if kart.in_race:
                     yield f'{kart} is already in the race'
