@@ -94,7 +94,7 @@ class Simulation:
         in_race = {1, 2, 3}
         self.race = module.Race(
             [module.Kart(number=number, in_race=number in in_race) for number in KARTS],
-            module.RaceTimes(finish_delays=(0.5,), finish_stop=2.0, pause=0.0, settle=0.0),
+            module.RaceTimes(finish_delays=(0.5,), finish_stop=2.0, pause=0.0, settle_time=0.0),
             self.now,
         )
         self.judge = Judge(in_race, set(KARTS) - in_race, self.now)

@@ -773,7 +773,7 @@ def expect(
     elif what == 'contested':
         mine[0]['contested'] = given.statement
     elif what == 'heard':
-        _hear(mine[0], given, now, times.settle)
+        _hear(mine[0], given, now, times.settle_time)
     elif what == 'rival':
         rival = given.statement
     elif what == 'there':
@@ -787,7 +787,7 @@ def expect(
     elif what == 'held up':
         for each in after:
             if each['settles'] is not None:
-                each['settles'] = now + times.settle
+                each['settles'] = now + times.settle_time
     elif what == 'tick':
         for each in after:
             _stand(each, now)
@@ -1147,7 +1147,7 @@ def check_input(
         assert before.start is not None
         given = of_start(before.start)
         what, kind = given.what, given.kind
-    _check_safety(before, facts, given, outcome, after, now, race.times.settle)
+    _check_safety(before, facts, given, outcome, after, now, race.times.settle_time)
     _check_cause(race, before, given, outcome, after)
     memory = learn(before, facts, given, becomes, after, now)
     if what in ('connected', 'disconnected') and not is_cut_off(before, given, now):
@@ -1790,7 +1790,7 @@ class Search:
                 'pause_after_stall': 2.0,
                 'journal_timeout': 1.0,
                 'nobody_there': 2.0,
-                'settle': 1.0,
+                'settle_time': 1.0,
                 **(times or {}),
             }
         )

@@ -156,7 +156,7 @@ class PaperRace:
     def go_home(self) -> None:
         """Go from RED_RED to the garage."""
         self.acknowledge()
-        self.wait(self.race.times.settle + 0.5)
+        self.wait(self.race.times.settle_time + 0.5)
         self.command(CommandKind.IN_GARAGE)
 
     def end(self) -> None:

@@ -41,7 +41,7 @@ SPECTATOR = 3
 HEATS = (Heat('Heat 1', (1, 2)), Heat('Final', (2, 3)))
 
 
-NO_PAUSE = RaceTimes(pause=0.0, settle=0.0)
+NO_PAUSE = RaceTimes(pause=0.0, settle_time=0.0)
 """So that a test can have a stop, its acknowledgement and a release at the same instant."""
 
 
@@ -657,7 +657,7 @@ def test_without_a_connected_kart_humans_are_allowed_because_nothing_is_known_of
 
 
 def test_a_stop_to_a_kart_that_is_not_in_the_roster_begins_a_pause_too() -> None:
-    officials = Officials(RaceTimes(pause=1.0, settle=0.0))
+    officials = Officials(RaceTimes(pause=1.0, settle_time=0.0))
     assert officials.is_refused('KART_RED_RED', 9).endswith(
         'the roster has no kart 9; it has 1, 2, 3; ALL_KILL stops every kart.'
     )
@@ -670,7 +670,7 @@ def test_a_stop_to_a_kart_that_is_not_in_the_roster_begins_a_pause_too() -> None
 
 
 def test_after_race_control_was_held_up_a_kart_outside_the_race_must_stand_again_too() -> None:
-    officials = Officials(RaceTimes(pause=0.0, pause_after_stall=0.0, settle=3.0))
+    officials = Officials(RaceTimes(pause=0.0, pause_after_stall=0.0, settle_time=3.0))
     officials.does('KART_RED_RED', SPECTATOR)
     officials.acknowledge(SPECTATOR)
     officials.wait(2.0)

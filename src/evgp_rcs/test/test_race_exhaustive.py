@@ -163,7 +163,7 @@ def test_the_nearest_states_of_heats_and_of_finishes_that_name_their_race() -> N
     ('racing', 'times'),
     [
         (2, {'auto_race_over': False}),
-        (0, {'finish_delays': (1.0, 0.0), 'finish_stop': 0.0, 'settle': 0.0}),
+        (0, {'finish_delays': (1.0, 0.0), 'finish_stop': 0.0, 'settle_time': 0.0}),
     ],
     ids=['all-in-and-the-official-ends-the-race', 'all-outside-and-no-time-to-stop'],
 )

@@ -21,7 +21,7 @@ from rig.faults import faults_in, module_with
 pytestmark = [pytest.mark.usefixtures('others_first'), pytest.mark.timeout(900)]
 
 REQUIRED = {'require_inspection': True}
-AT_ONCE = {'settle': 0.0}
+AT_ONCE = {'settle_time': 0.0}
 ALL_OF_ONE = oracle.KART_COMMANDS
 
 ONE_SILENT = (
@@ -69,11 +69,13 @@ WORLDS = {
         5, 1, 1, silence=True, then=(*ONE_SILENT, *[oracle.Input('tick')] * 3)
     ),
     'silence outside': world(10, 1, 1, silence=True, then=(*ONE_SILENT, ON_THE_GRID)),
-    'unknown outside': world(150, 0, 1, 'unknown', times={'settle': 2.0}),
+    'unknown outside': world(150, 0, 1, 'unknown', times={'settle_time': 2.0}),
     'waits': world(150, 1, 1, 'grid', waits=True, times=AT_ONCE),
     'a start alone': world(300, 1, 0, 'grid', waits=True, track=False, without=ALL_OF_ONE),
     'waits around': world(150, 1, 0, 'grid', waits=True, around=True),
-    'held up': world(200, 0, 1, 'unknown', waits=True, without=ALL_OF_ONE, times={'settle': 2.0}),
+    'held up': world(
+        200, 0, 1, 'unknown', waits=True, without=ALL_OF_ONE, times={'settle_time': 2.0}
+    ),
     'two in green': world(300, 2, 0, 'green'),
     'two on the grid': world(100, 2, 0, 'grid'),
     'two': world(150, 2, 0),
@@ -351,8 +353,8 @@ the statement that the track is safe leaves the doubt of a restart: effect, stuc
     skips unstated
 an acknowledgement at once ends the doubt: settle, effect heard: times now => now
 the time to stand counts from the order: settle, effect [green] heard: times now => kart.sent_since
-    + self.times.settle
-the time to stand counts from when it is first looked at: effect heard: settle => 2 * it
+    + self.times.settle_time
+the time to stand counts from when it is first looked at: effect heard: settle_time => 2 * it
 a word that was taken back ends the doubt later: settle, effect heard: skips settles_at None
 a kart that is lost while it settles is taken to stand: settle, effect, doubt-forgotten _drop:
     instead of _void_answers: settles = kart.settles_at ¶ self._void_answers(kart) ¶
@@ -360,7 +362,7 @@ a kart that is lost while it settles is taken to stand: settle, effect, doubt-fo
 a new order lets the time to stand run on: settle, effect [green] _redirect: instead of
     _void_answers: settles = kart.settles_at ¶ self._void_answers(kart) ¶ kart.settles_at = settles
 a kart stands while race control is held up and hears nothing: settle, effect [held up] stalled:
-    instead of settle: kart.settles_at += 0.0
+    instead of settle_time: kart.settles_at += 0.0
 every word said again begins the time to stand again: effect [unknown outside] heard: acknowledged
     counts => counts and (not kart.acknowledged or kart.settles_at is not None)
 the doubt never ends by standing: effect, stuck tick: skips _settle

@@ -45,7 +45,7 @@ TIMES = st.builds(
     pause=st.floats(0.0, 10.0),
     pause_after_stall=st.floats(0.0, 10.0),
     journal_timeout=st.floats(0.0, 5.0),
-    settle=st.floats(0.0, 10.0),
+    settle_time=st.floats(0.0, 10.0),
     nobody_there=st.just(0.0) | st.floats(0.0, 20.0),
 )
 OF_A_START = st.sampled_from(('written', 'written', 'written', 'failed', ''))
@@ -119,7 +119,7 @@ class Races(RuleBasedStateMachine):
     def let_every_kart_stop(self) -> None:
         self.every_kart_answers()
         self.let_the_pause_pass()
-        self.let_pass(self.race.times.settle)
+        self.let_pass(self.race.times.settle_time)
 
     def let_become_of_a_start(self, what: str) -> None:
         if self.race.start is None:

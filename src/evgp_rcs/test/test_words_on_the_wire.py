@@ -69,7 +69,7 @@ def test_a_client_of_every_habit_acknowledges_a_second_all_kill_just_after_in_ga
     habit: Habit,
     run: Callable[..., Running],  # noqa: F811 - the fixture
 ) -> None:
-    running = run(beat_rate=BEAT_RATE, karts=1, settle=2.5)
+    running = run(beat_rate=BEAT_RATE, karts=1, settle_time=2.5)
     Client(running.connect(1), habit)
     running.wait_for(EventKind.CONNECTED, 1)
     running.give(CommandKind.ALL_KILL)
@@ -86,7 +86,7 @@ def test_a_client_of_every_habit_acknowledges_a_second_all_kill_just_after_in_ga
 def test_a_client_that_never_says_the_second_one_is_let_go_on_by_a_new_connection(
     run: Callable[..., Running],  # noqa: F811 - the fixture
 ) -> None:
-    running = run(beat_rate=BEAT_RATE, karts=1, settle=0.1)
+    running = run(beat_rate=BEAT_RATE, karts=1, settle_time=0.1)
     Client(running.connect(1), Habit(Says.NEWS))
     for _ in range(2):
         running.give(CommandKind.ALL_KILL)

@@ -35,6 +35,11 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     ('green_alert', 'Time until an alert if GREEN_GREEN is not acknowledged, s.', _SECONDS),
     ('flag_alert', 'Time until an alert if RED_FLAG is not acknowledged, s.', _SECONDS),
     ('red_alert', 'Time until an alert if RED_RED is not acknowledged, s.', _SECONDS),
+    (
+        'settle_time',
+        'Time for which a kart must keep reporting its stop before humans may rely on it, s.',
+        (0.5, 60),
+    ),
     ('require_inspection', 'Karts without an inspection in the roster cannot race.'),
     (
         'nobody_there',
@@ -98,12 +103,6 @@ def read_settings(node: StrictNode) -> Begin:
         'Time from FINISH to RED_FLAG for place 1, 2, …, s, 0-60. The last value applies to all '
         'later places.',
     )
-    settle = declare(
-        'settle_time',
-        RaceTimes.settle,
-        'Time for which a kart must keep reporting its stop before humans may rely on it, s.',
-        (0.5, 60),
-    )
     rules: dict[str, Any] = {
         name: declare(name, getattr(RaceTimes, name), *meaning_and_limits)
         for name, *meaning_and_limits in OF_THE_RULES
@@ -123,11 +122,7 @@ def read_settings(node: StrictNode) -> Begin:
         )
     return Begin(
         roster=read_roster(path),
-        times=RaceTimes(
-            finish_delays=tuple(delays),
-            settle=settle,
-            **rules,
-        ),
+        times=RaceTimes(finish_delays=tuple(delays), **rules),
         settings=ServerSettings(host=address, **server),
         record=pathlib.Path(record).expanduser() if record else default_path(),
         run=secrets.token_hex(8),

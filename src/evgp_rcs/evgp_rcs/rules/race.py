@@ -354,7 +354,6 @@ class RaceTimes:
         late: we have seen DDS deliver some of them 3 s late. If ``pause`` is longer still,
         ``pause`` applies instead.
     :param journal_timeout: the maximum time that a GREEN_GREEN waits for the disk.
-    :param settle: the parameter ``settle_time``.
     """
 
     finish_delays: tuple[float, ...] = (6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
@@ -367,7 +366,7 @@ class RaceTimes:
     pause: float = 1.0
     pause_after_stall: float = 5.0
     journal_timeout: float = 1.0
-    settle: float = 3.0
+    settle_time: float = 3.0
     require_inspection: bool = False
     nobody_there: float = 10.0
 
@@ -794,7 +793,7 @@ class Race:
         have gone, so each ``settle`` time that has not ended starts again.
         """
         for kart in (each for each in self.karts.values() if each.settles_at is not None):
-            kart.settles_at = now + self.times.settle
+            kart.settles_at = now + self.times.settle_time
         self._pause(f'race control stalled for {seconds:.1f} s', now, late=True)
         return self._outcome()
 
@@ -944,7 +943,7 @@ class Race:
             kart.counts_at = None
             kart.acknowledged_at = kart.acknowledged_at if again else now
             if state.is_red:
-                kart.settles_at = now + self.times.settle
+                kart.settles_at = now + self.times.settle_time
                 self._settle(kart, now)
             # The next tick reports when all have acknowledged; checking here would cost O(N²).
             # IN_GARAGE asks for no acknowledgement (§3.A).
@@ -1666,7 +1665,7 @@ class Race:
         if not kart.connected:
             return 'not connected'
         if kart.stopped:
-            return f'has stopped, and must stay stopped for {self.times.settle:g} s'
+            return f'has stopped, and must stay stopped for {self.times.settle_time:g} s'
         if kart.stopped_itself:
             return 'stopped itself; take it out of the race, or start again from IN_GARAGE'
         if kart.reported is kart.sent:
