@@ -37,8 +37,8 @@ first, and the start is judged again when its wait is over.
 Race control keeps a *doubt* about each kart that may be unsafe (``Doubt``). A kart *may be moving*
 if it was sent GREEN_GREEN or a red state, or was seen to move. A kart that was sent GRID_ACTIVE is
 *on the grid*. Either doubt ends when the kart acknowledges a red state and keeps reporting it for
-``settle`` seconds on the same connection, or when an official states that the kart was made safe
-by hand. Losing the connection never ends a doubt.
+``settle_time`` on the same connection, or when an official states that the kart was made safe by
+hand. Losing the connection never ends a doubt.
 
 Race control assumes the worst about any period that it knows nothing about. One such period is the
 time while it is cut off from the karts (``cut_off``). Another is the time before it started,
@@ -790,7 +790,7 @@ class Race:
         Record that race control stalled, so commands that arrive now may have been sent long ago.
 
         Race control has not yet read what karts reported during the stall, nor noticed which karts
-        have gone, so each ``settle`` time that has not ended starts again.
+        have gone, so each ``settle_time`` that has not ended starts again.
         """
         for kart in (each for each in self.karts.values() if each.settles_at is not None):
             kart.settles_at = now + self.times.settle_time
