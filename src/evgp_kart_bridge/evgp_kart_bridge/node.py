@@ -32,11 +32,10 @@ from evgp_kart_bridge.link import (
 from evgp_kart_bridge.motion import Motion
 from evgp_kart_bridge.orders import LONGEST_LEASE
 from evgp_kart_bridge.watch import LEASE, LOG_AGAIN, race_state_qos
-from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.graph import KEEPS_APART, where_reachable
 from evgp_node.parameters import check_address, ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
-from evgp_node.qos import latched
+from evgp_node.qos import DIAGNOSTICS_QOS, latched
 from evgp_node.rclpy_private import RCLError
 from evgp_node.stamps import stamp
 from evgp_node.states import state_message, state_of

@@ -1,15 +1,23 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The QoS of topics whose last messages must also reach late subscribers."""
+"""The QoS of topics that several of our nodes use."""
 
 from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
+DIAGNOSTICS_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""QoS of ``/diagnostics``, as diagnostic aggregators expect it."""
+
 
 def latched(depth: int) -> QoSProfile:
-    """Return the QoS of a reliable, latched topic that keeps its last `depth` messages."""
+    """Return the QoS of a topic whose last `depth` messages also reach late subscribers."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,

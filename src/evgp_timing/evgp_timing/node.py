@@ -19,11 +19,10 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.graph import where_reachable
 from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
-from evgp_node.qos import latched
+from evgp_node.qos import DIAGNOSTICS_QOS, latched
 from evgp_node.stamps import stamp, stamp_of
 from evgp_protocol import clock
 from evgp_rcs_msgs import msg

@@ -22,12 +22,11 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from evgp_node.codec import value_of
 from evgp_node.deadline import end_within
-from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.entries import Entry
 from evgp_node.graph import fence_graph, GraphError
 from evgp_node.official import claim, tidy
 from evgp_node.process import join_graph
-from evgp_node.qos import latched
+from evgp_node.qos import DIAGNOSTICS_QOS, latched
 from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_node.results import Standings
 from evgp_node.spinning import Spinning

@@ -22,10 +22,9 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from evgp_node.codec import message_of
-from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.official import said_by
 from evgp_node.process import wait_until_heard
-from evgp_node.qos import latched
+from evgp_node.qos import DIAGNOSTICS_QOS, latched
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.ros.messages import diagnostics_message, events_message
