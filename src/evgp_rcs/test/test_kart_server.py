@@ -74,7 +74,8 @@ class Running:
         self.on_event: Callable[[Event], None] = lambda event: None
         self.failure: BaseException | None = None
         self.remembered: list[RaceMemory] = []
-        self.sure: list[tuple[RaceMemory, Callable[[bool], None]]] = []
+        self.sure: list[tuple[RaceMemory, int]] = []
+        self.on_saved: Callable[[int, bool], None]
         self.record_works_at_once = True
         self._shown = 0
         self._shown_at = 0.0
@@ -215,19 +216,19 @@ class Running:
     def remember(self, memory: RaceMemory) -> None:
         self.remembered.append(memory)
 
-    def make_sure(self, memory: RaceMemory, within: float, done: Callable[[bool], None]) -> None:
+    def make_sure(self, start: int, memory: RaceMemory, within: float) -> None:
         with self._news:
-            self.sure.append((memory, done))
+            self.sure.append((memory, start))
             self._news.notify_all()
         if self.record_works_at_once:
-            self._loop.call_soon(done, True)
+            self._loop.call_soon(self.on_saved, start, True)
 
     def wait_for_memory(self) -> tuple[RaceMemory, Callable[[bool], None]]:
         """Return what a start wants to have on the disk, and what says whether it is."""
         with self._news:
             assert self._news.wait_for(lambda: bool(self.sure), TIMEOUT)
-            memory, done = self.sure[-1]
-        return memory, lambda there: self._loop.call_soon_threadsafe(done, there)
+            memory, start = self.sure[-1]
+        return memory, lambda there: self._loop.call_soon_threadsafe(self.on_saved, start, there)
 
     def trouble(self) -> str:
         return self.record_trouble

@@ -68,10 +68,11 @@ def numbers_in(path: pathlib.Path) -> list[int]:
 def test_what_must_be_sure_is_told_to_be_there_once_it_is(
     record: RecordProcess, path: pathlib.Path
 ) -> None:
-    told: list[bool] = []
-    record.make_sure(RACING, PATIENCE, told.append)
+    told: list[tuple[int, bool]] = []
+    record.on_saved = lambda *saved: told.append(saved)
+    record.make_sure(7, RACING, PATIENCE)
     wait_for(record, lambda: told)
-    assert told == [True]
+    assert told == [(7, True)]
     record.end(PATIENCE, LastRun.UNKNOWN)
     again = Record(path)
     again.end()
@@ -110,7 +111,8 @@ def test_a_process_that_is_killed_is_trouble_at_once_and_holds_nobody_up(
     assert 'its process has ended' in record.trouble()
     put(record, 1)
     record.remember(HOME)
-    record.make_sure(RACING, PATIENCE, lambda there: pytest.fail('nobody can know'))
+    record.on_saved = lambda start, saved: pytest.fail('nobody can know')
+    record.make_sure(7, RACING, PATIENCE)
     assert '1 are lost' in record.trouble()
 
 
@@ -139,8 +141,9 @@ def test_what_is_not_on_the_disk_in_time_is_trouble_from_then_on_until_it_is(
     record: RecordProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     freeze(record.pid)
-    told: list[bool] = []
-    record.make_sure(RACING, 0.3, told.append)
+    told: list[tuple[int, bool]] = []
+    record.on_saved = lambda *saved: told.append(saved)
+    record.make_sure(7, RACING, 0.3)
     assert record.trouble() == ''
     wait_for(record, record.trouble)
     monkeypatch.setattr(record_process, 'SLOW', PATIENCE)  # not since an event waits for long
@@ -148,7 +151,7 @@ def test_what_is_not_on_the_disk_in_time_is_trouble_from_then_on_until_it_is(
     assert 'nothing could be written' in record.trouble()
     os.kill(record.pid, signal.SIGCONT)
     wait_for(record, lambda: told)
-    assert told == [True]
+    assert told == [(7, True)]
     assert record.trouble() == ''
 
 
@@ -162,10 +165,11 @@ def test_a_mark_that_cannot_be_written_is_trouble_and_a_start_is_told(
     assert record.opened.last_run is LastRun.UNKNOWN
     assert str(mark) in record.opened.why
     assert str(mark) in record.trouble()
-    told: list[bool] = []
-    record.make_sure(RACING, PATIENCE, told.append)
+    told: list[tuple[int, bool]] = []
+    record.on_saved = lambda *saved: told.append(saved)
+    record.make_sure(7, RACING, PATIENCE)
     wait_for(record, lambda: told)
-    assert told == [False]
+    assert told == [(7, False)]
     mark.rmdir()
     wait_for(record, lambda: not record.trouble())
     assert mark.read_text().strip() == RUN_BEGAN
@@ -207,11 +211,12 @@ def test_a_disk_that_takes_nothing_is_trouble_and_a_start_is_told_at_once(
     record = RecordProcess(path, path.with_name('mark'))
     record._socket.setblocking(False)
     assert record.trouble().startswith(f'The record {path} fails: {path} is not a file')
-    told: list[bool] = []
+    told: list[tuple[int, bool]] = []
+    record.on_saved = lambda *saved: told.append(saved)
     put(record, 1)
-    record.make_sure(RACING, PATIENCE, told.append)
+    record.make_sure(7, RACING, PATIENCE)
     wait_for(record, lambda: told)
-    assert told == [False]
+    assert told == [(7, False)]
     path.rmdir()
     wait_for(record, lambda: not record.trouble())
     record.end(PATIENCE, LastRun.UNKNOWN)

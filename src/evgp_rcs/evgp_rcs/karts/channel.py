@@ -180,12 +180,12 @@ class Remember(NamedTuple):
     """
     A memory to save for the next run.
 
-    :param confirm: number that the record returns once the memory is on the disk, or writing it
-        has failed. 0 if no confirmation is needed.
+    :param start: number of the start that waits until the memory is on the disk, or writing it has
+        failed. 0 if none waits.
     """
 
     memory: RaceMemory
-    confirm: int = 0
+    start: int = 0
 
 
 @dataclass(frozen=True)
@@ -225,13 +225,13 @@ class Written(NamedTuple):
 
     :param batches: number of batches that have reached the disk since the last such message.
     :param error: why the record is failing, as a phrase. Empty if it works.
-    :param confirmed: numbers (`Remember.confirm`) of the memories that are now on the disk or, if
-        there is an error, of those that could not be written.
+    :param starts: the starts (`Remember.start`) whose memories are now on the disk or, if there is
+        an error, could not be written.
     """
 
     batches: int
     error: str
-    confirmed: tuple[int, ...]
+    starts: tuple[int, ...]
 
 
 # ----- bytes ----------------------------------------------------------------------------------

@@ -28,7 +28,6 @@ import signal
 import socket
 import time
 import traceback
-from typing import NamedTuple
 
 from evgp_rcs.karts.channel import (
     Ended,
@@ -56,20 +55,6 @@ SLOW = 2.0
 _PR_SET_PDEATHSIG = 1  # of linux/prctl.h
 
 
-class _Confirm(NamedTuple):
-    """
-    A memory that must reach the disk.
-
-    :param done: see `RecordProcess.make_sure`.
-    :param since: when it began to wait, in seconds.
-    :param within: maximum time to wait, in seconds.
-    """
-
-    done: Callable[[bool], None]
-    since: float
-    within: float
-
-
 class RecordProcess:
     """
     The record's process, as the kart server sees it. Only ``__init__`` and ``end`` block.
@@ -78,6 +63,8 @@ class RecordProcess:
     :param mark: the file of the mark (see ``run_mark.place``).
     :param run: id of the run. If it is empty, the record makes one up.
     :ivar opened: what the process has found at its start.
+    :ivar on_saved: called in the loop with the number of a start, and whether the memory that it
+        waits for is on the disk (`make_sure`).
     :raises RecordError: if the record cannot be used, for example because another race control
         that is running uses one of the files.
     """
@@ -98,8 +85,9 @@ class RecordProcess:
         self._lost = 0
         self._full = False
         self._caught_up_at = time.monotonic()
-        self._confirm: dict[int, _Confirm] = {}
-        self._confirms = 0
+        # Since when each start waits for its memory, and for how long it may wait, in seconds.
+        self._starts: dict[int, tuple[float, float]] = {}
+        self.on_saved: Callable[[int, bool], None] = lambda start, saved: None
         self._remembered: RaceMemory | None = None
         try:
             opened = self._end.first()
@@ -139,32 +127,32 @@ class RecordProcess:
             self._remembered = memory
             self._end.send(pack(Remember(memory)))
 
-    def make_sure(self, memory: RaceMemory, within: float, done: Callable[[bool], None]) -> None:
+    def make_sure(self, start: int, memory: RaceMemory, within: float) -> None:
         """
-        Save this memory for the next run, and report when it is on the disk.
+        Save this memory for the next run, and call `on_saved` once it is on the disk.
 
-        :param memory: the memory.
+        If the record fails, `on_saved` says so. If this remains unknown, it is never called.
+
+        :param start: number of the start that waits for the memory.
         :param within: maximum time to reach the disk, in seconds. After that, the record fails
             until the memory is on the disk.
-        :param done: called in the loop with True once the memory is on the disk, or with False if
-            the record fails. If this remains unknown, ``done`` is never called.
         """
-        self._confirms += 1
-        self._confirm[self._confirms] = _Confirm(done, time.monotonic(), within)
+        self._starts[start] = time.monotonic(), within
         self._remembered = memory
-        self._end.send(pack(Remember(memory, self._confirms)))
+        self._end.send(pack(Remember(memory, start)))
 
     def look(self) -> None:
         """Read the messages that the process has sent."""
-        for batches, error, confirmed in self._end.receive():
+        for batches, error, starts in self._end.receive():
             for _ in range(batches):
                 events, size = self._unwritten.popleft()
                 self._events -= events
                 self._bytes -= size
             self._error = error
             self._full &= bool(self._unwritten)
-            for number in confirmed:
-                self._confirm.pop(number).done(not error)
+            for start in starts:
+                del self._starts[start]
+                self.on_saved(start, not error)
 
     def trouble(self) -> str:
         """Return why the record is failing, as a sentence for officials. Empty if it works."""
@@ -189,9 +177,7 @@ class RecordProcess:
         """Return the time without a write to the disk, in seconds; 0 if it is not too long."""
         waits = [now - self._caught_up_at] if now - self._caught_up_at > SLOW else []
         # A start that waited too long has been refused, but the disk may still not be ready.
-        waits += [
-            now - each.since for each in self._confirm.values() if now - each.since >= each.within
-        ]
+        waits += [now - since for since, within in self._starts.values() if now - since >= within]
         return max(waits, default=0.0)
 
     def end(self, timeout: float, ends_as: LastRun) -> None:
@@ -258,7 +244,7 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
     end.sendall(pack(Opened(record.left_behind, mark.last_run, mark.why, told)))
     unpacker = Unpacker()
     batches = 0  # not written yet
-    confirm: list[int] = []
+    starts: list[int] = []  # whose memories are not on the disk yet
     while True:
         if select.select([end], [], [], min(mark.due_in(), record.due_in()))[0]:
             try:
@@ -273,8 +259,8 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
                     batches += 1
                     record.put(message)
                 elif isinstance(message, Remember):
-                    record.remember(message.memory, bool(message.confirm))
-                    confirm += [message.confirm] if message.confirm else []
+                    record.remember(message.memory, bool(message.start))
+                    starts += [message.start] if message.start else []
                 else:
                     assert isinstance(message, Ended)
                     record.end()
@@ -287,8 +273,8 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
         if mark.due_in() <= 0:
             mark.keep()
         fails = record.error or mark.error
-        if tried or fails != told or (fails and confirm):
+        if tried or fails != told or (fails and starts):
             told = fails
             with contextlib.suppress(ConnectionError):  # the kart server has ended
-                end.sendall(pack(Written(written, fails, tuple(confirm))))
-            confirm.clear()
+                end.sendall(pack(Written(written, fails, tuple(starts))))
+            starts.clear()

@@ -189,6 +189,7 @@ class KartServer:
         self._ros_half = ros_half
         self._ros_half_heard_at: float | None = None
         self._record = record
+        record.on_saved = self._journal
         self._log = inputs.Log()
         self._left_behind = left_behind
         self._first_events = () if left_behind is None else self._feed(left_behind).events
@@ -408,16 +409,16 @@ class KartServer:
         else:
             raise TypeError(f'the ROS half sent {message!r}')
 
-    def _journal(self, number: int, written: bool) -> None:
-        """Tell the rules whether the data that a start waits for has been saved to disk."""
+    def _journal(self, start: int, saved: bool) -> None:
+        """Tell the rules whether the memory that a start waits for has been saved to disk."""
         if self._closing.is_set():
             return  # _refuse_the_rest answers the start
         self.take_commands()
         now = self.now()
         self._notice_stall(now)
-        if not written:
+        if not saved:
             self._note_record_trouble(now)
-        self._take(inputs.StartSaved(now, written, number))
+        self._take(inputs.StartSaved(now, saved, start))
 
     def _withdraw_start(self) -> None:
         """Withdraw the start that is waiting, if any."""
@@ -455,14 +456,10 @@ class KartServer:
         if of_start:
             self._remember()
         if outcome.start is not None:
-            number = outcome.start.number
+            start = outcome.start
             self._starting = waiting
             self._flush()
-            self._record.make_sure(
-                outcome.start.memory,
-                outcome.start.until - given.at,
-                lambda written: self._journal(number, written),
-            )
+            self._record.make_sure(start.number, start.memory, start.until - given.at)
 
     def _send(self, outcome: Outcome) -> None:
         for order in outcome.orders:
