@@ -255,10 +255,9 @@ class Hearing:
         # that turned out to be for a later order.
         self._alone: tuple[StateFrame, int] | None = None
         self._settled: list[tuple[StateFrame, int]] = []
-        # Places in the stream from the kart: up to which it was read, up to which it was decoded,
-        # and the earliest at which the decoder's current frame can have begun.
+        # Places in the stream from the kart: up to which it was read, and the earliest at which
+        # the decoder's current frame can have begun.
         self._read = 0
-        self._decoded = 0
         self._began = 0
         # Times are in beats: while race control is stalled, it reads nothing either.
         self._beats = 0
@@ -361,8 +360,7 @@ class Hearing:
 
         :param data: all bytes of the last read.
         """
-        begin, end = self._decoded, self._decoded + len(data)
-        self._decoded = end
+        begin, end = self._read - len(data), self._read
         # A frame that began before an order's `answers_from` cannot answer it.
         cuts = {order.answers_from for order in self._orders if begin < order.answers_from < end}
         heard: list[tuple[Heard, int]] = []
