@@ -25,6 +25,7 @@ from collections import defaultdict, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 import itertools
+import math
 import socket
 import time
 from typing import Any
@@ -187,7 +188,7 @@ class KartServer:
         self._race = race
         self._settings = settings
         self._ros_half = ros_half
-        self._ros_half_heard_at: float | None = None
+        self._ros_half_heard_at = math.inf  # nothing is expected of it yet
         self._record = record
         record.on_saved = self._journal
         self._log = inputs.Log()
@@ -208,7 +209,6 @@ class KartServer:
         self._rubbish = defaultdict[int, _Allowance](lambda: _Allowance(5))
         self._reports = defaultdict[int, _Allowance](lambda: _Allowance(20))
         self._beat_at = 0.0
-        self._began_again_at = 0.0
         self._shown_at = 0.0
         self._showing = False
         self._shown_pause = 0.0
@@ -252,7 +252,7 @@ class KartServer:
             ) from error
         if self._left_behind is not None:
             self._publish_outcome(self._first_events, self._left_behind.at)
-        self._beat_at = self._began_again_at = loop.time()
+        self._beat_at = loop.time()
         loop.call_soon(self._beat, loop.time())
         try:
             listening(server.sockets[0].getsockname()[:2])
@@ -358,10 +358,7 @@ class KartServer:
 
     def _check_ros_half(self, now: float) -> None:
         """End if the ROS half is silent, because no official could then stop a kart."""
-        if self._ros_half_heard_at is None:
-            return
-        # While race control itself was stalled, it could not hear the ROS half.
-        silent_for = now - max(self._ros_half_heard_at, self._began_again_at)
+        silent_for = now - self._ros_half_heard_at
         if silent_for > ROS_HALF_SILENCE:
             self.end(RosHalfGoneError(f'was silent for {silent_for:.1f} s'))
 
@@ -430,7 +427,9 @@ class KartServer:
         """Report a stall of race control to the rules, if one has occurred."""
         stalled = now - self._beat_at - 1.0 / self._settings.beat_rate
         if stalled > STALL:
-            self._beat_at = self._began_again_at = now
+            self._beat_at = now
+            # Meanwhile, race control could not hear the ROS half.
+            self._ros_half_heard_at = max(self._ros_half_heard_at, now)
             self._take(inputs.Stalled(now, stalled))
             self._ask_to_show()
 
