@@ -97,7 +97,6 @@ class RacePublisher:
         self._thread = threading.Thread(target=self._run, name='publisher', daemon=True)
         self._diagnosed_at = 0.0
         self._shown = NOTHING
-        self._newest: Snapshot | None = None
         self._stated: RaceState | None = None
         self._stated_at = -math.inf
         self._clock_ns = 0
@@ -170,14 +169,13 @@ class RacePublisher:
             if waiting:
                 self._publish([waiting.popleft() for _ in range(min(BATCH, len(waiting)))])
             if newest is not None:
-                self._newest = newest
                 self._publish_race(newest)
             self._publish_state(clock.now())
 
     def _publish_state(self, now: float) -> None:
         """Publish the name of the race's state, if it is known and publication is due."""
-        race = self._newest
-        state = race.state if race is not None and now - race.stamp <= STATE_AGE else None
+        race = self._shown
+        state = race.state if now - race.stamp <= STATE_AGE else None
         if state is self._stated and now < self._stated_at + STATE_EVERY:
             return
         self._stated, self._stated_at = state, now
