@@ -9,6 +9,7 @@ import argparse
 from collections.abc import Sequence
 import datetime
 import hashlib
+import math
 import pathlib
 import re
 
@@ -105,11 +106,11 @@ def _sum_of(file: pathlib.Path) -> str:
 
 def _part(account: Account, start: str | None, end: str | None, kart: int | None) -> Part:
     clock = Clock(account.began_ns)
-    part = Part(kart=kart)
-    if start is not None:
-        part = part._replace(start=seconds_of(start, clock))
-    if end is not None:
-        part = part._replace(end=seconds_of(end, clock))
+    part = Part(
+        0.0 if start is None else seconds_of(start, clock),
+        math.inf if end is None else seconds_of(end, clock),
+        kart,
+    )
     if part.start > account.length:
         raise ValueError(f'--from {start}: the run had ended at {clock.at(account.length, 1)}')
     if part.end < part.start:

@@ -123,7 +123,7 @@ def page(
         title=title,
         style=f'{_file("page.css")}@page {{ @bottom-left {{ content: "{foot}"; }} }}\n',
         stops=sum(each.event.success and each.event.command in STOPS for each in account.commands),
-        stood=lambda alert: _stood(alert, account, clock),
+        stood=lambda alert: _stood(alert, account),
         on_paper=on_paper,
         drawings=_drawings(account, part, clock),
         WIDTH=WIDTH,
@@ -190,7 +190,7 @@ def _lap_chart(timing: Standings) -> list[list[int]]:
     ]
 
 
-def _stood(alert: Alert, account: Account, clock: Clock) -> str:
+def _stood(alert: Alert, account: Account) -> str:
     if alert.stands:
         return f'until the end ({wording.duration(account.length - alert.raised)})'
     if alert.ended is None:
