@@ -278,12 +278,14 @@ class TimekeeperWindow:
         dialog.setAttribute(QtCore.Qt.WidgetAttribute.WA_DeleteOnClose)
         form = QtWidgets.QFormLayout(dialog)
         form.addRow(_label('text', text or f'{entry.meaning[:1].upper()}{entry.meaning[1:]}.'))
-        fields = {}
+        readers: dict[str, Callable[[], Any]] = {}
+        changes = []
         for name in (*('kart',) * entry.to_one_kart, *entry.takes):
             if name not in given:
-                fields[name] = self._field(name)
-                fields[name].setObjectName(name)
-                form.addRow(name.capitalize(), fields[name])
+                field, changed, readers[name] = self._field(name)
+                field.setObjectName(name)
+                form.addRow(name.capitalize(), field)
+                changes.append(changed)
         standard = QtWidgets.QDialogButtonBox.StandardButton
         yes, no = standard.Ok, standard.Cancel
         box = QtWidgets.QDialogButtonBox(yes | no)
@@ -291,32 +293,39 @@ class TimekeeperWindow:
         form.addRow(box)
 
         def check() -> None:
-            told = {name: _value(widget) for name, widget in fields.items()}
+            told = {name: read() for name, read in readers.items()}
             costs = act is not Act.PENALISE or any(told[each] for each in (*_MOST, 'disqualified'))
             # None means that the official has not chosen a kart.
             box.button(yes).setEnabled(bool(costs and not {None, ''} & {*told.values()}))
 
-        for each in fields.values():
-            _changed(each).connect(check)
+        for changed in changes:
+            changed.connect(check)
         check()
         box.accepted.connect(
-            lambda: self._send(act, **given, **{name: _value(fields[name]) for name in fields})
+            lambda: self._send(act, **given, **{name: read() for name, read in readers.items()})
         )
         box.accepted.connect(dialog.accept)
         box.rejected.connect(dialog.reject)
         dialog.finished.connect(lambda _: self._lap.setFocus())
         dialog.open()
 
-    def _field(self, name: str) -> Any:
-        if name == 'kart':
-            return _choice(view.karts(self._results, self._teams), self._chosen())
-        if name == 'race':
-            return _choice(view.races(self._results), view.newest_with_results(self._results))
+    def _field(self, name: str) -> tuple[Any, Any, Callable[[], Any]]:
+        """Return the widget for a field of a request, the signal of a change, and the getter."""
         if name in _MOST:
-            return QtWidgets.QSpinBox(maximum=_MOST[name])
+            number = QtWidgets.QSpinBox(maximum=_MOST[name])
+            return number, number.valueChanged, number.value
         if name == 'disqualified':
-            return QtWidgets.QCheckBox()
-        return QtWidgets.QLineEdit(maxLength=MOST)
+            box = QtWidgets.QCheckBox()
+            return box, box.toggled, box.isChecked
+        if name not in ('kart', 'race'):
+            line = QtWidgets.QLineEdit(maxLength=MOST)
+            return line, line.textChanged, lambda: line.text().strip()
+        if name == 'kart':
+            choice = _choice(view.karts(self._results, self._teams), self._chosen())
+        else:
+            newest = view.newest_with_results(self._results)
+            choice = _choice(view.races(self._results), newest)
+        return choice, choice.currentIndexChanged, choice.currentData
 
     def _send(self, act: Act, **fields: Any) -> None:
         entry, call = CORRECTIONS[act], object()
@@ -431,22 +440,3 @@ def _choice(entries: Sequence[tuple[str, int]], chosen: int) -> Any:
         choice.addItem(text, number)
     choice.setCurrentIndex(choice.findData(chosen))
     return choice
-
-
-_READ = {
-    'currentIndexChanged': 'currentData',
-    'valueChanged': 'value',
-    'textChanged': 'text',
-    'toggled': 'isChecked',
-}
-"""The signal with which each kind of field reports a change, and the field's getter. The order
-matters, because a field for a number also has a text."""
-
-
-def _changed(field: Any) -> Any:
-    return next(getattr(field, name) for name in _READ if hasattr(field, name))
-
-
-def _value(field: Any) -> Any:
-    value = next(getattr(field, read) for name, read in _READ.items() if hasattr(field, name))()
-    return value.strip() if isinstance(value, str) else value
