@@ -57,7 +57,7 @@ PAGES = pathlib.Path(__file__).parent / 'pages'
 SHOWS = {'board': view.board, 'results': view.results}
 """The function that returns what a page shows. A kart's page has its number instead of a name."""
 
-KART = r'[1-9]\d{0,4}'
+NUMBER_PATTERN = r'[1-9]\d{0,4}'
 """Pattern of a kart's number."""
 
 HEADERS = {
@@ -97,14 +97,14 @@ class Server:
             ('/', 'board'),
             ('/overlay', 'overlay'),
             ('/results', 'results'),
-            (f'/kart/{{number:{KART}}}', 'kart'),
+            (f'/kart/{{number:{NUMBER_PATTERN}}}', 'kart'),
         ):
             made = page.replace('PAGE', name).encode()
             app.router.add_get(path, functools.partial(_answer, made, 'text/html'))
         for name, kind in (('board.css', 'text/css'), ('board.js', 'text/javascript')):
             made = (PAGES / name).read_bytes()
             app.router.add_get(f'/{name}', functools.partial(_answer, made, kind))
-        what = f'{"|".join(SHOWS)}|{KART}'
+        what = f'{"|".join(SHOWS)}|{NUMBER_PATTERN}'
         app.router.add_get(f'/live/{{what:{what}}}', self._watch, allow_head=False)
         # Hostile requests must not fill the log.
         self._runner = web.AppRunner(
