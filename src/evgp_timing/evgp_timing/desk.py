@@ -311,19 +311,8 @@ class Desk:
             race.laps, taken = race.laps.take(fresh.values(), *terms)
             for each in taken:
                 kart, identity = each.kart, each.passing.identity
-                if kart in race.by_finish and each.mark is not Mark.COUNTED:
-                    self._take_its_place(race, each)
-                elif race.by_finish.get(kart) in race.laps.struck and identity in race.laps.given:
+                if race.by_finish.get(kart) in race.laps.struck and identity in race.laps.given:
                     race.by_finish[kart] = identity  # a beam saw what FINISH had recorded
-
-    @staticmethod
-    def _take_its_place(race: Race, seen: Crossing) -> None:
-        """Replace the crossing recorded for a FINISH with one that a source saw, if it counts."""
-        identity = seen.passing.identity
-        laps = race.laps.strike(race.by_finish[seen.kart], f'seen by {identity}')
-        counts = (each.passing.identity for each in laps.crossings if each.mark is Mark.COUNTED)
-        if identity in counts:
-            race.laps = laps
 
     @staticmethod
     def _count(race: Race, kart: int, at: float) -> Crossing | None:

@@ -11,9 +11,9 @@ kart. This module then judges all passings again. The laps do not depend on what
 
 A beam sees something cross the line, and an official says which kart it was. The official's
 passing assigns the oldest unidentified crossing of the last `BEAM_PRESS` seconds to that kart. If
-the official was quicker than the beam, a crossing that the beam sees within `clock_tolerance`
-after the official's passing replaces that passing. Both happen only if the crossing counts for
-that kart.
+the official was quicker, a crossing that the beam, or another source that knows the kart, sees
+within `clock_tolerance` after the official's passing replaces that passing. Both happen only if
+the crossing counts for that kart.
 
 A passing counts for a kart that started the race if all of these are true:
 
@@ -226,11 +226,9 @@ class Laps:
         )
         laps, taken = laps._judge(crossings)
         for place, each in enumerate(taken):
-            if each.mark is Mark.UNKNOWN and (press := laps._press_before(each)):
-                struck = {
-                    **laps.struck,
-                    press.passing.identity: f'seen by {each.passing.identity}',
-                }
+            if press := laps._press_before(each):
+                why = f'seen by {each.passing.identity}'
+                struck = {**laps.struck, press.passing.identity: why}
                 laps, taken[place] = laps._give(each, press.passing.kart, struck=struck)
         return laps, taken
 
@@ -255,21 +253,24 @@ class Laps:
 
     def _press_before(self, crossing: Crossing) -> Crossing | None:
         """Return the oldest passing by an official that this crossing replaces, or None."""
-        found = None
+        found, kart, passing = None, crossing.kart, crossing.passing
+        is_strange = bool(passing.transponder) and not kart
+        if crossing.mark is Mark.COUNTED or passing.source == BY_HAND or is_strange:
+            return None
         for each in reversed(self.crossings):
             later = crossing.came - each.came
-            if crossing.passing.transponder or later > self.settings.clock_tolerance:
+            if later > self.settings.clock_tolerance:
                 break
             # While the timekeeper was away, the kart may have crossed long before this press.
-            is_near = later >= -BEAM_PRESS
-            if is_near and each.passing.source == BY_HAND and each.mark is Mark.COUNTED:
+            is_its = kart == each.kart if kart else later >= -BEAM_PRESS
+            if is_its and each.passing.source == BY_HAND and each.mark is Mark.COUNTED:
                 others = tuple(at for at in self.counted[each.kart] if at != each.at)
                 if self._mark(crossing, each.kart, others) is Mark.COUNTED:
                     found = each
         return found
 
     def _give(self, crossing: Crossing, kart: int, **changes: Any) -> tuple[Laps, Crossing]:
-        """Assign an unidentified crossing to a kart and return how it is then judged."""
+        """Assign a crossing to a kart and return how it is then judged."""
         passing = crossing.passing
         laps = self.again(given={**self.given, passing.identity: kart}, **changes)
         return laps, next(each for each in laps.crossings if each.passing == passing)

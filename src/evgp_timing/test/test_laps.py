@@ -368,21 +368,29 @@ def test_a_press_gives_the_kart_the_oldest_crossing_that_a_beam_saw_lately() -> 
     assert struck.restore(bird.identity).counted == story.laps.counted
 
 
-def test_what_a_beam_sees_just_after_a_press_takes_its_place_if_no_lap_is_lost_by_that() -> None:
+@pytest.mark.parametrize('kart', [0, 2])
+def test_what_a_source_sees_just_after_a_press_takes_its_place_if_no_lap_is_lost_by_that(
+    kart: int,
+) -> None:
     story = Story(race())
-    for now in (10.0, 30.0):
-        story.now = now
+
+    def press_and_see(press: float, see: float) -> None:
+        story.now = press
         story.press(2)
-        beam_of(story, now + 0.4)
+        story.now = see
+        story.passing('line', kart, '', 0.0)
+
+    for now in (10.0, 30.0):
+        press_and_see(now, now + 0.4)
     press = story.laps.crossings[0].passing.identity
 
     assert [round(at, 3) for at in story.laps.counted[2]] == [10.4, 30.4]
     assert story.laps.struck[press]
-    story.now = 50.0
-    story.press(2)
-    story.laps = story.laps.leave(2, GREEN + 50.1)
-    beam_of(story, 50.4)
-    assert len(story.laps.counted[2]) == 3
+    press_and_see(50.0, 50.6)  # too late: the press counts
+    assert story.laps.counted[2][2] == 50.0
+    story.laps = story.laps.leave(2, GREEN + 70.1)
+    press_and_see(70.0, 70.4)
+    assert len(story.laps.counted[2]) == 4
 
 
 def test_nobody_asks_who_crossed_while_an_official_may_still_press() -> None:
