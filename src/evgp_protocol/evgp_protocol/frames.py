@@ -41,7 +41,7 @@ MAX_FRAME_BYTES = 32
 
 _FIRST = b'$'
 
-# Named so that tests can replace them with counting versions.
+# Named so that tests can put faults into them.
 # NUL counts as space: clients with a buffer of fixed size send the rest of it.
 _find_no_space = re.compile(rb'[^ \t\r\n\0]').search
 _find_first = re.compile(rb'\$').search

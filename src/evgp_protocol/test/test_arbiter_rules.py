@@ -24,7 +24,6 @@ from typing import Any
 from evgp_protocol import arbiter as arbiter_module
 from evgp_protocol.arbiter import Arbiter, Settings, StopSource, Verdict
 from evgp_protocol.states import RaceState
-from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from hypothesis.stateful import initialize, precondition, rule, RuleBasedStateMachine

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 import itertools
 import pickle
-import re
 import sys
 import tracemalloc
 from types import FrameType
@@ -201,34 +200,6 @@ def test_memory_is_bounded_whatever_arrives(noise: bytes) -> None:
         tracemalloc.stop()
     # Of the decoder's own: other threads of the test process allocate as well.
     assert sum(each.size for each in kept.traces) < 2048
-
-
-class Examined:
-    """Counts the bytes that the searches of the decoder look at."""
-
-    def __init__(self) -> None:
-        self.bytes = 0
-
-    def counting(self, find: Callable[..., re.Match[bytes] | None]) -> Callable[..., Any]:
-        def counted(data: bytes, begin: int, end: int | None = None) -> re.Match[bytes] | None:
-            end = len(data) if end is None else end
-            found = find(data, begin, end)
-            self.bytes += (found.end() if found else end) - begin
-            return found
-
-        return counted
-
-
-@given(data=st.data())
-@pytest.mark.parametrize('size', [1, 2, 7, 33, 4096])
-def test_each_byte_is_looked_at_once(size: int, data: st.DataObject) -> None:
-    stream = data.draw(streams) * 3
-    with pytest.MonkeyPatch.context() as patch:
-        counter = Examined()
-        for name in ('_find_no_space', '_find_first', '_find_last'):
-            patch.setattr(frames, name, counter.counting(getattr(frames, name)))
-        decode(in_pieces(stream, size))
-    assert counter.bytes == len(stream)
 
 
 def lines(run: Callable[[], object]) -> int:
