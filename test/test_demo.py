@@ -13,10 +13,12 @@ import subprocess
 import sys
 
 from evgp_rcs.rcs_record import main as rcs_record
+from evgp_rcs.record.replay import Replay
 from evgp_rcs.rules.race import Event, EventKind, StampedEvent
 from evgp_rehearsal.demo import judge_end, judge_events, judge_wire
-from evgp_testing.judge import Judge
+from evgp_testing.witness import Witness
 import pytest
+from recorded_races import kept, PaperRace
 
 DEMO = (sys.executable, '-m', 'evgp_rehearsal.demo')
 
@@ -49,7 +51,7 @@ def test_both_races_are_driven_and_nothing_is_missing(tmp_path: pathlib.Path) ->
         'the race ended automatically',
         'ALL_KILL: the last kart saw RED_RED',
         'the debrief shows ALL_KILL, and every kart stopped after it',
-        'checked: all follow the rules',
+        'checked: all are as in the record',
         'all 8 processes ended normally, and none is left',
         'Nothing is missing',
     ):
@@ -107,11 +109,11 @@ def test_an_event_that_officials_did_not_hear_is_missed() -> None:
 
 
 def test_what_was_wrong_on_the_wire_is_said() -> None:
-    judge = Judge({5}, {64}, 0.0)
-    assert judge_wire(judge).good
-    judge.rubbish(5, b'$GO;', 1.0)
-    assert "kart 5 was sent b'$GO;'" in judge_wire(judge).text
-    assert not judge_wire(judge).good
+    witness, paper = Witness(), PaperRace({5: 'Purdue'})
+    assert judge_wire(witness, Replay(kept(paper.stream()))).good
+    witness.strangers.append('somebody was sent something')
+    found = judge_wire(witness, Replay(kept(paper.stream())))
+    assert (found.good, 'somebody was sent something' in found.text) == (False, True)
 
 
 def test_a_process_that_failed_or_is_left_is_named() -> None:

@@ -10,12 +10,11 @@ import pathlib
 import re
 import subprocess
 import sys
-import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules import race
-from evgp_testing.judge import Judge
 from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.witness import Witness
 import pytest
 from rig.bare_race_control import BareRaceControl
 from rig.faults import Fault, module_with
@@ -82,19 +81,22 @@ def test_a_fault_that_fits_its_function_not_exactly_once_is_an_error() -> None:
         module_with(race, Fault('_nowhere', 'skips kart'))
 
 
-def test_the_judge_sees_what_a_plain_kart_is_sent_and_says() -> None:
-    judge = Judge({1}, (), time.monotonic())
-    with BareRaceControl() as control:
-        with WireKart(
-            '127.0.1.1', control.port, Acknowledges.EACH_CHANGE, judge=judge, kart=1
-        ) as kart:
-            kart.wait_for_state(RaceState.IN_GARAGE)
-            control.exchange(RaceState.GREEN_GREEN)  # without GRID_ACTIVE
-        judge.finish()
-    assert {each.rule for each in judge.violations} == {'unexplained GREEN_GREEN'}
-    assert {judge.judged[kind] for kind in ('opened', 'closed')} == {1}
-    assert judge.judged['said'] == 2
-    assert judge.judged['frame'] == kart.frames
+def test_a_plain_kart_keeps_when_it_was_sent_and_said_what() -> None:
+    witness = Witness()
+    each = Acknowledges.EACH_CHANGE
+    with (
+        BareRaceControl() as control,
+        WireKart('127.0.1.1', control.port, each, witness=witness, kart=1) as kart,
+    ):
+        kart.wait_for_state(RaceState.IN_GARAGE)
+        control.exchange(RaceState.GREEN_GREEN)
+    assert witness.links == [kart]
+    assert [state for _, state in kart.changes] == [state for state, _, _ in kart.said]
+    times = [kart.opened, kart.times[0]]
+    for (read, _), (_, before, after) in zip(kart.changes, kart.said, strict=True):
+        times += [read, before, after]
+    assert times == sorted(times)
+    assert kart.times[-1] <= kart.closed_at
 
 
 def test_tests_of_other_modules_run_after_one_in_its_own_process(tmp_path: pathlib.Path) -> None:

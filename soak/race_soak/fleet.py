@@ -17,8 +17,8 @@ import time
 
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
-from evgp_testing.judge import Judge
 from evgp_testing.wire_kart import FRAMES, kart_socket, KartLink
+from evgp_testing.witness import Witness
 
 GRID_ACTIVE = RaceState.GRID_ACTIVE
 STATES = tuple(RaceState)
@@ -46,13 +46,13 @@ class _Link(KartLink):
     """One connection of a kart; a ``deaf`` one has a tiny buffer."""
 
     def __init__(
-        self, kart: int, address: str, port: int, judge: Judge, mood: str, deaf: bool
+        self, kart: int, address: str, port: int, witness: Witness, mood: str, deaf: bool
     ) -> None:
-        super().__init__(address, ('127.0.0.1', port), judge, kart, int(deaf), timeout=5.0)
+        # One that is deaf does not see what it is sent.
+        watching = None if deaf else witness
+        super().__init__(address, ('127.0.0.1', port), watching, kart, int(deaf), timeout=5.0)
         self.socket.setblocking(False)
-        self.empty_at = self.opened
         self.reading = True
-        self.ending: float | None = None
         self.mood = mood
 
 
@@ -63,7 +63,7 @@ class Fleet:
     :param port: race control's port.
     :param addresses: the karts' addresses, by number.
     :param strangers: addresses that are not in the roster.
-    :param judge: receives everything that is observed.
+    :param witness: learns of everything that karts see.
     :param fault_every: mean time between a kart's faults, s.
     """
 
@@ -72,7 +72,7 @@ class Fleet:
         port: int,
         addresses: dict[int, str],
         strangers: Iterable[str],
-        judge: Judge,
+        witness: Witness,
         rng: random.Random,
         fault_every: float,
     ) -> None:
@@ -85,14 +85,13 @@ class Fleet:
         self.failure: BaseException | None = None
         self._addresses = addresses
         self._strangers = list(strangers)
-        self._judge = judge
+        self._witness = witness
         self._rng = rng
         self._fault_every = fault_every
         self._selector = selectors.DefaultSelector()
         self._links: dict[int, list[_Link]] = {number: [] for number in addresses}
         self._timers: list[tuple[float, int, Callable[[], None]]] = []
         self._order = itertools.count()
-        self._looked_at = 0.0
         self._stopping, self._stopper = socket.socketpair()
         self._thread = threading.Thread(target=self._run, name='karts', daemon=True)
 
@@ -126,14 +125,12 @@ class Fleet:
     def _turn(self) -> bool:
         """Read the available data and run due timers; return whether to stop."""
         wait = self._timers[0][0] - time.monotonic() if self._timers else None
-        looks_at = time.monotonic()
         ready = self._selector.select(max(wait, 0.0) if wait is not None else None)
         for key, _ in ready:
             if key.fileobj is self._stopping:
                 return True
             if key.data.reading:  # not paused by data read earlier in this turn
                 self._read(key.data)
-        self._looked_at = looks_at
         while self._timers and self._timers[0][0] <= time.monotonic():
             heapq.heappop(self._timers)[2]()
         return False
@@ -153,7 +150,7 @@ class Fleet:
     def _connect(self, kart: int, deaf: bool = False) -> _Link | None:
         mood = self._rng.choices(list(MOODS), list(MOODS.values()))[0]
         try:
-            link = _Link(kart, self._addresses[kart], self.port, self._judge, mood, deaf)
+            link = _Link(kart, self._addresses[kart], self.port, self._witness, mood, deaf)
         except OSError:
             self.refused += 1
             self._after(0.5, self._connector(kart))
@@ -166,13 +163,11 @@ class Fleet:
 
     def _close(self, link: _Link, reset: bool = False) -> None:
         """End a connection from this side."""
-        if link in self._links[link.kart]:
-            self._forget(link, time.monotonic(), reset)
-
-    def _forget(self, link: _Link, earliest: float, reset: bool = False) -> None:
+        if link not in self._links[link.kart]:
+            return
         if link.reading:
             self._selector.unregister(link.socket)
-        link.end(link.ending or earliest, reset)
+        link.end(reset)
         self._links[link.kart].remove(link)
         most = 0.3 if self.disciplined.is_set() else 2.0
         self._after(self._rng.uniform(0, most), self._connector(link.kart))
@@ -180,15 +175,10 @@ class Fleet:
     # ----- what is heard ------------------------------------------------------------------
 
     def _read(self, link: _Link) -> None:
-        after = max(link.empty_at, self._looked_at)
-        heard = link.take(after)
+        heard = link.take()
         if heard is None:
-            # The socket was empty at the last look.
-            self._forget(link, after)
+            self._close(link)
             return
-        if not heard:
-            return
-        link.empty_at = 0.0
         for state, change in heard:
             self._answer(link, state, change)
 
@@ -257,9 +247,7 @@ class Fleet:
         self._close(link, reset=True)
 
     def _half_close(self, link: _Link) -> None:
-        if link.ending is None:
-            link.ending = time.monotonic()
-            link.half_close()
+        link.half_close()
 
     def _silence(self, link: _Link, longest: float = 0.9) -> None:
         """Read nothing for a while; race control tolerates that."""
@@ -267,9 +255,6 @@ class Fleet:
             return
         link.reading = False
         self._selector.unregister(link.socket)
-        # The socket was empty at the last look, or when it was opened since.
-        link.empty_at = max(self._looked_at, link.empty_at)
-        self._judge.paused(link.number, link.empty_at)
         self._after(self._rng.uniform(0.1, longest), lambda: self._hear_again(link))
 
     def _hear_again(self, link: _Link) -> None:
@@ -277,10 +262,7 @@ class Fleet:
             return
         link.reading = True
         self._selector.register(link.socket, selectors.EVENT_READ, link)
-        # Of the data sent meanwhile, it is only known that it came after the pause began.
-        paused, self._looked_at = link.empty_at, min(self._looked_at, link.empty_at)
         self._read(link)
-        self._looked_at = max(self._looked_at, paused)
 
     def _deaf(self, link: _Link) -> None:
         """Use a tiny buffer and never read again; race control gives such a kart up."""
@@ -289,7 +271,6 @@ class Fleet:
         if deaf is not None:
             deaf.reading = False
             self._selector.unregister(deaf.socket)
-            self._judge.paused(deaf.number, deaf.empty_at)
             self._after(self._rng.uniform(1.0, 5.0), lambda: self._close(deaf))
 
     def _garbage(self, link: _Link) -> None:
@@ -329,4 +310,4 @@ class Fleet:
         except OSError:
             return  # closed, as it must be
         if data:
-            self._judge.stranger(address, data, time.monotonic())
+            self._witness.strangers.append(f'{address} is not in the roster and was sent {data!r}')

@@ -13,9 +13,9 @@ from typing import Any
 
 from evgp_rcs.rules.catalogue import CATALOGUE
 from evgp_rcs_msgs import msg
-from evgp_testing.judge import Judge
 from evgp_testing.official import Official, SERVICES
 from evgp_testing.part import Part
+from evgp_testing.witness import Witness
 
 IN_GARAGE = msg.RaceState.IN_GARAGE
 GRID_ACTIVE = msg.RaceState.GRID_ACTIVE
@@ -38,7 +38,7 @@ class Officials(Part):
         self,
         domain: int,
         numbers: list[int],
-        judge: Judge,
+        witness: Witness,
         rng: random.Random,
         disciplined: threading.Event,
     ) -> None:
@@ -55,8 +55,8 @@ class Officials(Part):
         self._lasts = 0.0
         self._state = 0
         # It subscribes only to what it needs, because the karts need this process's time.
-        self._first = Official(domain, 'first_official', judge, hears=['race'])
-        self._second = Official(domain, 'second_official', judge, hears=[])
+        self._first = Official(domain, 'first_official', witness, hears=['race'])
+        self._second = Official(domain, 'second_official', witness, hears=[])
         self._beside = concurrent.futures.ThreadPoolExecutor(1)
 
     def step(self) -> None:

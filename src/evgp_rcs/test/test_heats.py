@@ -8,7 +8,6 @@ from __future__ import annotations
 from evgp_node.encoding import read, written
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import Heat, Kart, LastRun, Race, RaceMemory
-from evgp_rcs.rules.snapshot import snapshot_of
 import pytest
 from recorded_races import PaperRace
 
@@ -30,26 +29,6 @@ def test_the_race_begins_with_the_heat_that_alone_has_its_karts(
 ) -> None:
     karts = [Kart(number, in_race=number in in_race) for number in FIELD]
     assert Race(karts, heats=heats).heat == heat
-
-
-def test_a_heat_is_in_the_race_until_a_kart_of_another_one_is_or_none_at_all() -> None:
-    paper = PaperRace(FIELD, PAIRS)
-
-    def after(*given: tuple[CommandKind, int]) -> str:
-        for kind, kart in given:
-            paper.command(kind, kart)
-        assert snapshot_of(paper.race, paper.now).heat == paper.race.heat
-        return paper.race.heat
-
-    join, leave = CommandKind.JOIN_RACE, CommandKind.LEAVE_RACE
-    paper.command(CommandKind.SET_HEAT, heat='Heat 1')
-    assert after((leave, 2)) == 'Heat 1'  # it broke down
-    assert after((join, 3)) == ''
-    assert after((leave, 3)) == 'Heat 1'
-    assert after((leave, 1)) == ''
-    assert after((join, 3), (join, 4)) == ''
-    paper.command(CommandKind.GRID_ACTIVE)
-    assert paper.race.heat == ''
 
 
 def test_the_heat_in_the_race_outlives_a_crash_before_grid_active() -> None:

@@ -6,16 +6,12 @@
 from __future__ import annotations
 
 import ast
-import builtins
-from collections import abc
 from collections.abc import Iterator
 import contextlib
-import enum
 import inspect
 import json
 import pathlib
-import types
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from evgp_node.encoding import read, written
 from evgp_node.stream import Block, DamagedError, Gap, joined
@@ -35,40 +31,11 @@ from evgp_rcs.rules.race import (
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
+from rig.values import any_of, ANYTHING, Simple
 
-Simple = dict[Any, st.SearchStrategy[Any]]
-
-# Whatever a message can hold: also a lone surrogate, a NUL, 10 kB.
-ANYTHING: Simple = {
-    str: st.text(st.characters(), max_size=50),
-    int: st.integers(0, 2**63 - 1),
-    float: st.floats(-9e9, 9e9),
-    bool: st.booleans(),
-    type(None): st.none(),
-}
 # An event is made by us; a setup has a roster and parameters, which are read before.
 SOUND: Simple = {**ANYTHING, str: st.text(max_size=50), int: st.integers(1, 2**32 - 2)}
 FLAGS = st.booleans()
-
-
-def any_of(kind: Any, simple: Simple = ANYTHING) -> st.SearchStrategy[Any]:
-    """Return what makes any value of a type, by the types of its fields."""
-    inner = [any_of(each, simple) for each in get_args(kind) if each is not ...]
-    if kind in simple:
-        return simple[kind]
-    match get_origin(kind):
-        case types.UnionType:
-            return st.one_of(inner)
-        case builtins.tuple:
-            return st.lists(*inner).map(tuple)
-        case builtins.frozenset:
-            return st.frozensets(*inner)
-        case abc.Mapping:
-            return st.dictionaries(*inner)
-    if issubclass(kind, enum.Enum):
-        return st.sampled_from(kind)
-    return st.builds(kind, *(any_of(each, simple) for each in get_type_hints(kind).values()))
-
 
 OF_OURS = (StampedEvent, inputs.Rules)
 ENTRIES = st.one_of(

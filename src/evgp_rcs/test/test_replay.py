@@ -171,21 +171,6 @@ def test_a_race_that_is_replayed_with_its_own_rules_does_not_differ(
     assert found.events > 100
 
 
-@pytest.mark.parametrize('seed', range(20))
-def test_a_race_with_restarts_is_replayed_without_a_difference(
-    seed: int, path: pathlib.Path
-) -> None:
-    left: rules.RaceMemory | None = None
-    for part in range(3):
-        running = Running(100 * seed + part, left).run(200)
-        left = running.race.memory()
-        if part == 2:
-            running.end()
-        running.write(path)
-    codes = [main(['replay', str(path), '--run', str(run)]) for run in (1, 2, 3)]
-    assert codes == [DONE] * 3
-
-
 def a_run(seed: int = 1) -> Running:
     return Running(seed).run(600)
 

@@ -26,16 +26,18 @@ from typing import NamedTuple
 from evgp_node.stamps import seconds_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
+from evgp_rcs.record.replay import Replay
+from evgp_rcs.record.runs import open_runs
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs_msgs import msg
 from evgp_rehearsal.event import BANNER, Rehearsal
 from evgp_rehearsal.field import Fault
 from evgp_rehearsal.plan import Ability, Plan, Track
-from evgp_testing.judge import Judge
 from evgp_testing.kart import Team
 from evgp_testing.process import started
 from evgp_testing.usage import family
 from evgp_testing.wire_kart import WireKart
+from evgp_testing.witness import Witness
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -265,7 +267,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Finding]:
-    wire = Judge([kart for kart in PLAN.numbers if kart not in BRIDGED], (), time.monotonic())
+    wire = Witness()
     with contextlib.ExitStack() as stack:
         folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
         parameters, timing = {'finish_delays': [2.0, 1.7, 1.4, 1.1, 0.8]}, {'min_lap_time': 1.0}
@@ -288,11 +290,13 @@ def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Find
             pids = family(os.getpid())[1:]
         if record is not None:
             shutil.copy(folder / 'record.sqlite3', record)
+        with open_runs(folder / 'record.sqlite3') as runs:
+            replay = Replay(runs.read(runs.choose(None)))
         heard = [event.sequence for event in rehearsal.official.events]
         found = show.judge(
             [
                 judge_events(heard, rehearsal.events()),
-                judge_wire(wire),
+                judge_wire(wire, replay),
                 judge_end(
                     {f'{each.name} {each.pid}': each.wait() for each in started},
                     [pid for pid in pids if pathlib.Path(f'/proc/{pid}').exists()],
@@ -305,16 +309,14 @@ def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Find
         return found
 
 
-def judge_wire(judge: Judge) -> Finding:
-    """Return whether all frames that race control sent to the simulated karts were right."""
-    judge.finish()
-    for each in judge.violations:
-        return Finding(False, f'on the wire, {each.rule}: {each.text}')
-    judged = judge.judged
+def judge_wire(witness: Witness, replay: Replay) -> Finding:
+    """Return whether the simulated karts were sent, and commands got, what the record has."""
+    for each in witness.compare(replay):
+        return Finding(False, f'on the wire: {each}')
     return Finding(
         True,
-        f'{judged["frame"]} frames to the karts without ROS and {judged["call_ended"]} commands '
-        'checked: all follow the rules',
+        f'{witness.frames} frames to the karts without ROS and {len(witness.calls)} commands '
+        'checked: all are as in the record',
     )
 
 

@@ -42,13 +42,13 @@ from evgp_rehearsal.field import Connected, Failure, Field, LINE, TICK_LENGTH
 from evgp_rehearsal.incidents import ALERTS, can_begin, choose_kart, INCIDENTS, LASTS
 from evgp_rehearsal.plan import Plan
 from evgp_testing.domains import Domain
-from evgp_testing.judge import Judge
 from evgp_testing.kart import Bridge, ExampleStack
 from evgp_testing.official import Official
 from evgp_testing.part import Part
 from evgp_testing.process import Process
 from evgp_testing.race_control import address_of, RaceControl, Timekeeper
 from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.witness import Witness
 import yaml
 
 BANNER = 'REHEARSAL'
@@ -70,7 +70,7 @@ class DrivenKart(WireKart):
     The connection of a simulated kart.
 
     :param hear: called with the kart's number and each new state, in the thread that reads.
-    :param judge: receives everything sent on this connection.
+    :param witness: learns of this connection.
     :raises OSError: if race control cannot be reached.
     """
 
@@ -79,10 +79,12 @@ class DrivenKart(WireKart):
         number: int,
         port: int,
         hear: Callable[[int, RaceState], None],
-        judge: Judge | None = None,
+        witness: Witness | None = None,
     ) -> None:
         self._hear = hear
-        super().__init__(address_of(number), port, Acknowledges.NEVER, judge=judge, kart=number)
+        super().__init__(
+            address_of(number), port, Acknowledges.NEVER, witness=witness, kart=number
+        )
 
     def answer(self, state: RaceState, change: bool) -> None:
         """Pass on a new state, which the simulated kart answers once it has carried it out."""
@@ -105,7 +107,7 @@ class Rehearsal(Part):
     :param bridged: number of karts, from the last one backwards, that have the real bridge and the
         example stack. They are in the race, but no incident happens to them.
     :param window: whether to open the officials' window.
-    :param judge: receives what the simulated karts are sent and answer, and every command.
+    :param witness: learns of what the simulated karts are sent and answer, and every command.
     :param parameters: further parameters of race control.
     :param heat: the karts in the heat; None for all.
     :param timing: further parameters of the timekeeper.
@@ -122,7 +124,7 @@ class Rehearsal(Part):
         folder: pathlib.Path,
         bridged: int = 0,
         window: bool = False,
-        judge: Judge | None = None,
+        witness: Witness | None = None,
         parameters: Mapping[str, object] | None = None,
         heat: Sequence[int] | None = None,
         timing: Mapping[str, object] | None = None,
@@ -147,7 +149,7 @@ class Rehearsal(Part):
         self._again: Future[None] | None = None
         self.dead = threading.Event()
         self.links: dict[int, DrivenKart | WireKart] = {}
-        self._judge = judge
+        self._witness = witness
         self._parameters = parameters or {}
         self._heat = list(plan.numbers if heat is None else heat)
         self._tried = dict.fromkeys(self.field.karts, -CONNECT_AGAIN)
@@ -162,7 +164,7 @@ class Rehearsal(Part):
             stack.callback(lambda: self.control.close())
             self._timekeeper = stack.enter_context(Timekeeper(folder, self.domain, timing))
             hears = 'race', 'events', 'results'
-            self.official = stack.enter_context(Official(self.domain, 'rehearsal', judge, hears))
+            self.official = stack.enter_context(Official(self.domain, 'rehearsal', witness, hears))
             self._session = secrets.token_hex(4)  # of the timing line
             self._passings = self.official.node.create_publisher(
                 msg.Passing, '/rcs/passings', latched(200)
@@ -377,7 +379,7 @@ class Rehearsal(Part):
         self._tried[number] = self.field.tick
         with contextlib.suppress(OSError):  # race control is not running, so try again later
             self.links[number] = (
-                DrivenKart(number, self.control.port, self._hear, self._judge)
+                DrivenKart(number, self.control.port, self._hear, self._witness)
                 if wanted is Connected.KART
                 else WireKart(address_of(number), self.control.port)
             )

@@ -17,8 +17,8 @@ from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs_msgs import msg, srv
-from evgp_testing.judge import Call, Judge
 from evgp_testing.ros_side import RosSide
+from evgp_testing.witness import Call, Witness
 from rclpy.qos import QoSProfile
 
 SERVICES = {entry.service: getattr(srv, entry.service_type) for entry in CATALOGUE.values()}
@@ -90,7 +90,7 @@ class Official(RosSide):
     ``race`` is the newest snapshot, ``results`` are the timekeeper's newest results, and
     ``events`` are all events received, in order.
 
-    :param judge: receives every call and its answer.
+    :param witness: learns of every call and its answer.
     :param hears: the topics that the official listens to, out of `race`, `events`, `results`.
     """
 
@@ -98,12 +98,12 @@ class Official(RosSide):
         self,
         domain: int,
         name: str = 'official',
-        judge: Judge | None = None,
+        witness: Witness | None = None,
         hears: Collection[str] = ('race', 'events'),
     ) -> None:
         super().__init__(name, domain)
         self._name = name
-        self._judge = judge
+        self._witness = witness
         self.race: msg.Race | None = None
         self.results: msg.Results | None = None
         self.events: list[msg.RaceEvent] = []
@@ -141,19 +141,18 @@ class Official(RosSide):
             **seen(self.race, service, request.get('kart', 0)),
             **request,
         }
+        entry = CATALOGUE[kind]
         call = Call(
+            request['official'],
             kind,
-            request.get('kart'),
-            statement=any(value is True for value in request.values()),
+            request.get('kart', 0) if entry.to_one_kart else 0,
+            entry.call_is_statement or bool(request.get(entry.statement)),
             began=time.monotonic(),
         )
-        if self._judge is not None:
-            self._judge.called(call)
+        if self._witness is not None:
+            self._witness.calls.append(call)
         response: Any = self.request(self._clients[service], SERVICES[service].Request(**request))
-        call.ended = time.monotonic()
-        call.success, call.message = response.success, response.message
-        if self._judge is not None:
-            self._judge.answered(call)
+        call.success, call.ended = response.success, time.monotonic()
         return Answer(response.success, response.message)
 
     def call_all(self, service: str, requests: Iterable[Mapping[str, Any]]) -> list[Answer]:

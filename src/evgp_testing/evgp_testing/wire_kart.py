@@ -12,9 +12,8 @@ from __future__ import annotations
 
 import contextlib
 import enum
-import itertools
+import math
 import re
-import select
 import socket
 import struct
 import threading
@@ -22,17 +21,14 @@ import time
 
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
-from evgp_testing.judge import Judge
 from evgp_testing.part import Part, PATIENCE
+from evgp_testing.witness import Witness
 
 FRAMES = {encode(state): state for state in RaceState}
 """Every frame that race control may send."""
 
 # The frames that race control accepts; `$READY;` means GRID_ACTIVE (§3.A).
 _SAID = re.compile(rb'\$(GREEN_GREEN|GRID_ACTIVE|IN_GARAGE|RED_FLAG|RED_RED|READY);')
-_LONGEST = max(map(len, FRAMES))
-
-_links = itertools.count(1)
 
 
 class Acknowledges(enum.Enum):
@@ -92,12 +88,13 @@ class KartLink:
     One connection of a plain kart, whose owner reads it with ``take``.
 
     ``changes`` are the states that the kart was sent, each with the monotonic time (s) of its
-    first frame. ``times`` are the times of all frames, ``frames`` is their number, and
-    ``malformed`` contains the bytes that are not frames.
+    first frame. ``times`` are the times of all frames, and ``malformed`` contains the bytes that
+    are not frames. The kart opened the connection after ``opened``, and had closed it at
+    ``closed_at``, which is infinite until then.
 
     :param address: the kart's own address, by which race control knows it.
     :param to: race control's address and port.
-    :param judge: receives everything seen on this connection, with `kart` as the kart's number.
+    :param witness: learns of this connection, with `kart` as the kart's number.
     :raises OSError: if race control cannot be reached.
     """
 
@@ -105,41 +102,52 @@ class KartLink:
         self,
         address: str,
         to: tuple[str, int],
-        judge: Judge | None = None,
+        witness: Witness | None = None,
         kart: int = 0,
         receive_buffer: int = 0,
         timeout: float = PATIENCE,
     ) -> None:
-        began = time.monotonic()
+        self.opened = time.monotonic()
+        self.closed_at = math.inf
         self.socket = kart_socket(address, to, receive_buffer, timeout)
         self.address = address
         self.kart = kart
-        self.number = next(_links)
-        self.opened = began
         self.changes: list[tuple[float, RaceState]] = []
         self.times: list[float] = []
-        self.frames = 0
         self.malformed: list[bytes] = []
-        self._judge = judge
         self._unread = b''
-        self._tail: list[tuple[bytes, float]] = []
-        if judge is not None:
-            judge.opened(self.number, kart, began)
+        # Each piece, and times before and after it was sent.
+        self._sent: list[tuple[bytes, float, float]] = []
+        if witness is not None:
+            witness.links.append(self)
 
     @property
     def state(self) -> RaceState | None:
         """Return the last state that the kart was sent; None before the first frame."""
         return self.changes[-1][1] if self.changes else None
 
-    def take(self, after: float) -> list[tuple[RaceState, bool]] | None:
-        """
-        Read the available data; return each state and whether it is a change.
+    @property
+    def frames(self) -> int:
+        """Return the number of frames that the kart was sent."""
+        return len(self.times)
 
-        :param after: a time (monotonic, s) at which nothing was left to read.
-        :return: None at the end of the connection.
-        """
+    @property
+    def said(self) -> list[tuple[RaceState, float, float]]:
+        """Return the frames that the kart sent, each with times (s) before and after that."""
+        pieces = iter(self._sent)
+        end, before, after, found = 0, 0.0, 0.0, []
+        for match in _SAID.finditer(b''.join(data for data, _, _ in self._sent)):
+            while end < match.end():
+                data, before, after = next(pieces)
+                end += len(data)
+            state = RaceState(match[1].decode().replace('READY', 'GRID_ACTIVE'))
+            found.append((state, before, after))
+        return found
+
+    def take(self) -> list[tuple[RaceState, bool]] | None:
+        """Read the available data; return each state, and whether it is new. None at the end."""
         data = self.receive()
-        return None if data == b'' else self.note(data or b'', after)
+        return None if data == b'' else self.note(data or b'')
 
     def receive(self) -> bytes | None:
         """Return the available bytes, which are empty at the end; None if there are none yet."""
@@ -150,7 +158,7 @@ class KartLink:
         except OSError:
             return b''
 
-    def note(self, data: bytes, after: float) -> list[tuple[RaceState, bool]]:
+    def note(self, data: bytes) -> list[tuple[RaceState, bool]]:
         """Process the bytes that were read. For the rest, see ``take``."""
         now = time.monotonic()
         *frames, self._unread = (self._unread + data).split(b';')
@@ -159,17 +167,12 @@ class KartLink:
             state = FRAMES.get(frame + b';')
             if state is None:
                 self.malformed.append(frame + b';')
-                if self._judge is not None:
-                    self._judge.rubbish(self.kart, frame + b';', now)
                 continue
             change = state is not self.state
             if change:
                 self.changes.append((now, state))
             self.times.append(now)
-            self.frames += 1
             heard.append((state, change))
-            if self._judge is not None:
-                self._judge.frame(self.number, state.value, after, now)
         return heard
 
     def say(self, *states: RaceState) -> None:
@@ -186,45 +189,25 @@ class KartLink:
         while data:
             before = time.monotonic()
             sent = self.socket.send(data)
-            if self._judge is not None:
-                self._note_said(data[:sent], before, time.monotonic(), self._judge)
+            self._sent.append((data[:sent], before, time.monotonic()))
             data = data[sent:]
 
     def half_close(self) -> None:
         """Close the sending half of the connection, and continue to listen."""
         with contextlib.suppress(OSError):  # it is gone; the reader notices next
             self.socket.shutdown(socket.SHUT_WR)
+            self.closed_at = min(self.closed_at, time.monotonic())
 
-    def end(self, earliest: float, reset: bool = False) -> None:
+    def end(self, reset: bool = False) -> None:
         """
         Close the connection.
 
-        :param earliest: a time (monotonic, s) at which the connection had not ended yet.
         :param reset: reset the connection, like a machine that no longer knows it.
         """
         if reset:
             self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
         self.socket.close()
-        if self._judge is not None:
-            self._judge.closed(self.number, earliest, time.monotonic())
-
-    def _note_said(self, data: bytes, before: float, after: float, judge: Judge) -> None:
-        """Report newly completed frames to the judge, however they were split."""
-        kept = b''.join(piece for piece, _ in self._tail)
-        for match in _SAID.finditer(kept + data):
-            if match.end() <= len(kept):
-                continue
-            at, first = match.start(), after
-            for piece, out in self._tail:
-                if at < len(piece):
-                    first = out
-                    break
-                at -= len(piece)
-            state = match[1].decode().replace('READY', 'GRID_ACTIVE')
-            judge.said(self.number, state, first, before)
-        self._tail.append((data, after))
-        while sum(len(piece) for piece, _ in self._tail[1:]) >= _LONGEST:
-            del self._tail[0]
+        self.closed_at = min(self.closed_at, time.monotonic())
 
 
 class WireKart(KartLink, Part):
@@ -245,11 +228,11 @@ class WireKart(KartLink, Part):
         port: int,
         acknowledges: Acknowledges = Acknowledges.NEVER,
         host: str = '127.0.0.1',
-        judge: Judge | None = None,
+        witness: Witness | None = None,
         kart: int = 0,
         timeout: float = PATIENCE,
     ) -> None:
-        super().__init__(address, (host, port), judge, kart, timeout=timeout)
+        super().__init__(address, (host, port), witness, kart, timeout=timeout)
         self.acknowledges = acknowledges
         self.ended = False
         self._news = threading.Condition()
@@ -296,27 +279,17 @@ class WireKart(KartLink, Part):
     def close(self) -> None:
         with contextlib.suppress(OSError):  # the other end was quicker
             self.socket.shutdown(socket.SHUT_RDWR)
+            self.closed_at = time.monotonic()
         self._thread.join(PATIENCE)
         self.socket.close()
 
     def _read(self) -> None:
-        empty_at = self.opened
-        look = select.poll()
-        look.register(self.socket, select.POLLIN)
-        while True:
-            before = time.monotonic()
-            if self._judge is not None and not look.poll(0):
-                empty_at = before
-            data = self.receive()
-            if not data:
-                break
+        while data := self.receive():
             with self._news:
-                heard = self.note(data, empty_at)
+                heard = self.note(data)
                 self._news.notify_all()
             for state, change in heard:
                 self.answer(state, change)
-        if self._judge is not None:
-            self._judge.closed(self.number, empty_at, time.monotonic())
         with self._news:
             self.ended = True
             self._news.notify_all()
