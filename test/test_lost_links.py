@@ -279,21 +279,6 @@ def test_a_kart_is_not_lost_where_a_twentieth_is_lost_and_everything_late(
     assert race.faulty.team.states[states:] == []
 
 
-def test_where_a_third_is_lost_a_kart_that_is_lost_comes_back_held(race: NetworkRace) -> None:
-    race.green()
-    green = len(race.faulty.team.states)
-    began = time.monotonic()
-    race.machine.air(loss=0.3, delay=0.2)
-    race.good.wait_for_frames(100)
-    if not race.events(Event.DISCONNECTED, FAULTY):
-        race.machine.air(loss=1.0)  # no chance decide whether it is lost at all
-    race.wait_for_lost(began)
-    race.machine.air(loss=0.3, delay=0.2)
-    race.wait_for_held()
-    check_the_other_kart_raced_on(race)
-    assert RaceState.GREEN_GREEN not in race.faulty.team.states[green:]
-
-
 def test_a_link_that_answers_all_the_time_but_too_late_is_a_lost_link(race: NetworkRace) -> None:
     race.green()
     began = time.monotonic()
