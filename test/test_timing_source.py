@@ -200,7 +200,7 @@ def test_a_decoder_that_is_gone_is_told_and_read_again_once_it_is_back(
         assert (first.number, second.number) == (41, 43)
         assert first.session == second.session
         # What was cut off is told as missed, and what came twice brings nothing twice.
-        told = {'missed': '1', 'repeated': '1', 'connections': '2'}
+        told = {'missed': '1', 'repeated': '1', 'refused': '0', 'connections': '2'}
         listener.wait_for_status(DiagnosticStatus.WARN, **told)
         address = server.getsockname()
         server.close()
