@@ -914,19 +914,6 @@ def test_nothing_that_opens_takes_a_stop(
         speaker.wait_for_stop('all_kill')
 
 
-def test_digits_typed_while_the_window_hung_are_not_joined_across_another_key(
-    speak: Callable[..., Speaker], open_console: OpenConsole
-) -> None:
-    console = open_console(speak(race=race_of((1, 2, 3, 12, 13))))
-    console.wait_for('kart_13')
-
-    for between, last in (('Escape', '2'), ('ctrl+g', '3')):
-        with held_up(console):
-            console.key('1', between, last, 'ctrl+r')
-
-        console.wait_for('status', text=f'RED RED kart {last}: sent')
-
-
 def test_a_kart_is_stopped_on_a_keyboard_of_another_country(
     speak: Callable[..., Speaker], open_console: OpenConsole
 ) -> None:

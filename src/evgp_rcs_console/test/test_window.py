@@ -1167,6 +1167,10 @@ def test_a_key_that_was_too_old_is_named_if_it_means_anything(
 
         assert bool(console.text('status')) is told
         assert not console.commands
+    # Digits are not joined across another key, dropped or not; a stop acts, however old it is.
+    for between in ('Esc', 'Ctrl+G'):
+        console.press('1', between, '2', 'Ctrl+R')
+        assert console.commands == [(CommandKind.KART_RED_RED, 2)]
 
 
 def test_a_yes_that_was_clicked_too_long_ago_is_named(
