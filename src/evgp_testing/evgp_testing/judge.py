@@ -33,16 +33,10 @@ import math
 import threading
 
 from evgp_node.entries import Entry
+from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 
-# Loosest first.
-STRICTNESS: dict[str, int] = {
-    'GREEN_GREEN': 0,
-    'GRID_ACTIVE': 1,
-    'IN_GARAGE': 2,
-    'RED_FLAG': 3,
-    'RED_RED': 4,
-}
+STRICTNESS = {state.value: state.strictness for state in RaceState}
 REDS = ('RED_FLAG', 'RED_RED')
 
 MEMBERSHIP = (CommandKind.SET_HEAT, CommandKind.JOIN_RACE, CommandKind.LEAVE_RACE)
