@@ -38,16 +38,10 @@ class Listener(RosSide):
 
     def __init__(self, domain: int, name: str = 'listener') -> None:
         super().__init__(name, domain)
-        self.passings: list[msg.Passing] = []
+        self.passings = self.hear(msg.Passing, '/rcs/passings', node.PASSINGS_QOS)
         self.status: DiagnosticStatus | None = None
-        self.node.create_subscription(msg.Passing, '/rcs/passings', self._hear, node.PASSINGS_QOS)
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._see, 10)
         self.spin()
-
-    def _hear(self, heard: msg.Passing) -> None:
-        with self.news:
-            self.passings.append(heard)
-            self.news.notify_all()
 
     def _see(self, array: DiagnosticArray) -> None:
         with self.news:
