@@ -38,7 +38,7 @@ import pytest
 from rig import browser as rig_browser
 from rig.browser import Browser
 from rig.needs import cannot_run
-from test_security import allowed
+from test_security import allowed, in_graph
 
 HOSTILE = '<img src=x onerror=document.title="hacked">'
 
@@ -76,25 +76,15 @@ def test_the_board_has_no_way_back(
 ) -> None:
     beside = parts.enter_context(RosSide('beside', domain))
     start_board(domain)
-    looking, named = beside.node, ('board', '/rcs')
-
-    def of(names_and_types: Callable[[str, str], list[tuple[str, list[str]]]]) -> set[str]:
-        if named not in looking.get_node_names_and_namespaces():
-            return set()
-        return {name for name, _ in names_and_types(*named)}
-
+    node, named = beside.node, ('board', '/rcs')
     heard = {'/rcs/race', '/rcs/timekeeper/results', '/rcs/events'}
-    beside.wait_until_polled(
-        lambda: of(looking.get_subscriber_names_and_types_by_node) >= heard, 'the board'
-    )
-    assert of(looking.get_client_names_and_types_by_node) == set()
-    published = of(looking.get_publisher_names_and_types_by_node)
-    assert published == {'/rosout', '/parameter_events'}
-    assert published <= allowed('/watchers', 'topics', 'publish')
-    subscribed = of(looking.get_subscriber_names_and_types_by_node)
-    assert subscribed <= allowed('/watchers', 'topics', 'subscribe')
-    served = of(looking.get_service_names_and_types_by_node)
-    assert all(name.startswith('/rcs/board/') for name in served)
+    beside.wait_until_polled(lambda: in_graph(node, named).subscribed >= heard, 'the board')
+    seen = in_graph(node, named)
+    assert seen.asked == set()
+    assert seen.published == {'/rosout', '/parameter_events'}
+    assert seen.published <= allowed('/watchers', 'topics', 'publish')
+    assert seen.subscribed <= allowed('/watchers', 'topics', 'subscribe')
+    assert all(name.startswith('/rcs/board/') for name in seen.served)
 
 
 def test_pages_follow_a_race_and_say_when_they_are_old(

@@ -182,19 +182,6 @@ def start_race(
     return start
 
 
-def hear(team: Team, kind: type, topic: str) -> list[Any]:
-    """Return a list to which everything that comes on a topic is added."""
-    heard: list[Any] = []
-
-    def add(message: Any) -> None:
-        with team.news:
-            heard.append(message)
-            team.news.notify_all()
-
-    team.node.create_subscription(kind, topic, add, latched(1) if 'lamp' in topic else 1)
-    return heard
-
-
 # ----- from race control to the stack ------------------------------------------------------
 
 
@@ -203,8 +190,8 @@ def test_a_race_reaches_the_stack_and_its_acknowledgements_the_official(
 ) -> None:
     race = start_race()
     race.bridge.wait_for_line('Until odometry arrives on /kart_bridge/odom')
-    lamp = hear(race.team, ColorRGBA, '/kart_bridge/lamp')
-    plain = hear(race.team, String, '/kart_bridge/state')
+    lamp = race.team.hear(ColorRGBA, '/kart_bridge/lamp', latched(1))
+    plain = race.team.hear(String, '/kart_bridge/state')
     (publisher,) = race.team.node.get_publishers_info_by_topic('/kart_bridge/state')
     assert publisher.qos_profile.durability is DurabilityPolicy.VOLATILE
 
@@ -743,7 +730,7 @@ class Driven:
         self.base.wait_for_speed(lambda speed: speed > 1.0)
 
     def check_that_it_stands(self) -> None:
-        told = hear(self.race.team, Twist, '/cmd_vel')
+        told = self.race.team.hear(Twist, '/cmd_vel')
         self.race.team.wait_until(lambda: len(told) > 20, lambda: 'commands')
         assert {command.linear.x for command in told} == {0.0}
 
@@ -796,7 +783,7 @@ def test_the_example_stack_tells_motors_its_speed_in_the_message_that_they_obey(
     package, kind, topic = COMMANDS[command]
     messages = pytest.importorskip(f'{package}.msg', reason=f'needs {package}')
     race, speed = start_race(), SPEED_OF[command]
-    told = hear(race.team, getattr(messages, kind), f'/{topic}')
+    told = race.team.hear(getattr(messages, kind), f'/{topic}')
     stack = parts.enter_context(ExampleStack(race.bridge.domain, {'command': command}))
     stack.wait_for_line('IN_GARAGE')
     race.grid()

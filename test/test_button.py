@@ -20,7 +20,7 @@ from evgp_testing.race_control import RaceControl
 from evgp_testing.wire_race import WireRace
 import pytest
 from rig.stop_button import Ear, StopButton
-from test_security import allowed
+from test_security import in_graph
 
 Start = Callable[..., tuple[StopButton, Ear]]
 
@@ -144,16 +144,11 @@ def test_race_control_allows_a_button_all_kill_and_no_other_command(
 ) -> None:
     _, ear = start(race.domain)
     ear.wait_for_working()
-    node, names = ear.node, {'rcs_button', 'rcs_button_calls'}
-    ear.wait_until_polled(lambda: names <= set(node.get_node_names()), 'its nodes in the graph')
-    asked, told, heard = set(), set(), set()
-    for name in names:
-        asked |= {each for each, _ in node.get_client_names_and_types_by_node(name, '/')}
-        told |= {each for each, _ in node.get_publisher_names_and_types_by_node(name, '/')}
-        heard |= {each for each, _ in node.get_subscriber_names_and_types_by_node(name, '/')}
-    assert asked == allowed('/buttons', 'services', 'request') == {'/rcs/all_kill'}
-    assert told == allowed('/buttons', 'topics', 'publish')
-    assert heard <= allowed('/buttons', 'topics', 'subscribe')
+    named = ('rcs_button', '/'), ('rcs_button_calls', '/')
+    ear.wait_until_polled(lambda: in_graph(ear.node, *named).asked, 'its nodes in the graph')
+    seen = in_graph(ear.node, *named)
+    seen.does_no_more_than('/buttons')
+    assert seen.asked == {'/rcs/all_kill'}
 
 
 def test_whoever_may_not_open_a_device_is_told_the_group() -> None:

@@ -9,7 +9,7 @@ What the window shows is asked of its widgets; what it does is seen at the karts
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 import contextlib
 import functools
 import itertools
@@ -75,11 +75,9 @@ def open_console(
     """Return a function that opens an official's window on a screen of its own."""
     need_screen()
 
-    def open_(
-        control: RaceControl | Speaker, arguments: Sequence[str] = (), **environment: str
-    ) -> Console:
+    def open_(domain: int, **environment: str) -> Console:
         screen = parts.enter_context(screens.one())
-        console = Console(tmp_path, control.domain, screen, environment, arguments)
+        console = Console(tmp_path, domain, screen, environment)
         parts.callback(console.close)
         return console
 
@@ -98,7 +96,7 @@ def open_beside(
         **settings: Any,
     ) -> tuple[Console, list[WireKart], RaceControl]:
         control = start_race_control(in_race=in_race or connected, **settings)
-        console = open_console(control)
+        console = open_console(control.domain)
         karts = [connect_kart(control, number, EACH_CHANGE) for number in connected]
         see_karts(console, *connected)
         return console, karts, control
@@ -216,7 +214,7 @@ def test_the_space_bar_is_all_kill_on_every_layout_whatever_is_held_with_it(
 ) -> None:
     control = start_race_control(in_race=(1,))
     official = join_official(control)
-    console = open_console(control)
+    console = open_console(control.domain)
     console.wait_for('kart_1')
     held = ('shift', 'altgr', 'shift+altgr', 'ctrl', 'caps', 'shift+caps', 'caps+altgr')
     pressed = ('space', *(f'{each}+space' for each in held), 'ctrl+altgr+F12')
@@ -259,7 +257,7 @@ def test_a_name_is_chosen_once_and_goes_with_every_command_also_of_the_next_wind
 ) -> None:
     control = start_race_control(in_race=(1,), officials=f'[Anna Meier, {NAME}]')
     official = join_official(control)
-    console = open_console(control)
+    console = open_console(control.domain)
     console.wait_for('kart_1')
     console.wait_for('official', text='Your name')
     console.click('all_kill')
@@ -272,7 +270,7 @@ def test_a_name_is_chosen_once_and_goes_with_every_command_also_of_the_next_wind
     kept = tmp_path / 'evgp_rcs' / 'official'
     official.wait_until_polled(kept.exists, 'the name is kept')
     assert kept.read_text() == f'{NAME}\n'
-    other = open_console(control)
+    other = open_console(control.domain)
     other.wait_for('official', text=NAME)
     other.wait_for('kart_1')
     other.key('1', 'ctrl+f')
@@ -310,25 +308,6 @@ def test_the_window_does_not_hang_with_race_control_and_presses_all_kill_meanwhi
     kart.wait_for_state(RED_RED)
     control.signal(signal.SIGCONT)
     console.wait_for('danger_advice', text='USE THE MSR')
-
-
-def test_before_race_control_is_found_the_window_says_so_and_still_presses_all_kill(
-    open_console: OpenConsole, parts: contextlib.ExitStack, tmp_path: pathlib.Path
-) -> None:
-    domain = parts.enter_context(Domain()).number
-    control = RaceControl(tmp_path, domain, (1,))
-    control.close()
-    console = open_console(control)
-    console.wait_for('danger_title', text='NO RACE CONTROL YET')
-    console.wait_for('danger_detail', text=f'/rcs/race in ROS domain {control.domain}, on this m')
-    console.wait_for('standing', text='not known', tone='faint')
-    console.key('space')
-    console.wait_for('all_kill', pressing='true')
-
-    parts.enter_context(RaceControl(tmp_path, domain, (1,)))
-
-    console.wait_for('state', text='RED RED')
-    console.wait_for('all_kill', pressing='false')
 
 
 def begin_to_watch_for_windows(
@@ -407,7 +386,7 @@ def test_an_alert_stays_until_it_is_seen_and_sounds_until_it_is_muted(
     player.write_text(f'#!/bin/sh\ncp "$1" {tmp_path}/alarm.wav\necho played > {heard}\n')
     player.chmod(player.stat().st_mode | stat.S_IXUSR)
     control = start_race_control(in_race=(1,), red_alert=0.2)
-    console = open_console(control, PATH=f'{player.parent}{os.pathsep}{os.environ["PATH"]}')
+    console = open_console(control.domain, PATH=f'{player.parent}{os.pathsep}{os.environ["PATH"]}')
     kart = connect_kart(control, 1)
     see_karts(console, 1)
 
@@ -465,7 +444,7 @@ def test_screenshots_of_every_state(
     control = RaceControl(tmp_path, domain, (1, 2, 3), (4, 5), parameters, TEAMS)
     parts.callback(control.close)
     parts.enter_context(Timekeeper(tmp_path, control.domain, {'min_lap_time': 1.0}))
-    console = open_console(control)
+    console = open_console(control.domain)
 
     def shoot(name: str) -> None:
         assert_all_kill_is_in_reach(console)
@@ -546,7 +525,7 @@ def test_stops_go_out_without_timing_as_with_it_and_the_letter_says_that_it_send
     karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2, 3)]
     official = join_official(control)
     official.wait_for_connected(1, 2, 3)
-    console = open_console(control)
+    console = open_console(control.domain)
     official.command('set_heat', heat='Final')
     official.bring_to(GREEN_GREEN)
     console.wait_for('kart_3', text='driving')
@@ -745,7 +724,7 @@ def test_two_race_controls_that_are_heard_are_told_in_the_largest_type(
     speak: Callable[..., Speaker], open_console: OpenConsole
 ) -> None:
     one = speak()
-    console = open_console(one)
+    console = open_console(one.domain)
     console.wait_for('danger', visible=False)
 
     speak(domain=one.domain)
@@ -758,13 +737,21 @@ def test_two_race_controls_that_are_heard_are_told_in_the_largest_type(
 
 def test_every_stop_is_pressed_until_race_control_is_back(
     parts: contextlib.ExitStack,
+    domain: int,
     open_console: OpenConsole,
     connect_kart: ConnectKart,
     tmp_path: pathlib.Path,
 ) -> None:
-    domain = parts.enter_context(Domain()).number
+    console = open_console(domain)
+    console.wait_for('danger_title', text='NO RACE CONTROL YET')
+    console.wait_for('danger_detail', text=f'/rcs/race in ROS domain {domain}, on this m')
+    console.wait_for('standing', text='not known', tone='faint')
+    console.key('space')
+    console.wait_for('all_kill', pressing='true')
     control = parts.enter_context(RaceControl(tmp_path, domain, (1, 2)))
-    console = open_console(control)
+    console.wait_for('state', text='RED RED')
+    console.wait_for('all_kill', pressing='false')
+
     connect_kart(control, 1, EACH_CHANGE)
     see_karts(console, 1)
     control.kill()
@@ -867,7 +854,7 @@ def test_screenshots_of_links_that_are_good_fair_poor_and_lost_30_s_after_green(
     speak: Callable[..., Speaker], open_console: OpenConsole, tmp_path: pathlib.Path
 ) -> None:
     race = race_with_links()
-    console = open_console(speak(race=race))
+    console = open_console(speak(race=race).domain)
 
     console.wait_for('kart_3', linked='true', text='poor\n620 ms')
     console.wait_for('kart_5', linked='false')
@@ -882,7 +869,7 @@ def test_nothing_that_opens_takes_a_stop(
     speak: Callable[..., Speaker], open_console: OpenConsole
 ) -> None:
     speaker = speak(race=race_of(range(1, 13), reason=LONG), accepts=True)
-    console = open_console(speaker)
+    console = open_console(speaker.domain)
     console.wait_for('kart_in_garage_1', barred='true')
     x, y = console.place('log')
     bar = console.wait_for('karts')
@@ -915,24 +902,11 @@ def test_nothing_that_opens_takes_a_stop(
         speaker.wait_for_stop('all_kill')
 
 
-def test_digits_typed_while_the_window_hung_are_not_joined_across_another_key(
-    speak: Callable[..., Speaker], open_console: OpenConsole
-) -> None:
-    console = open_console(speak(race=race_of((1, 2, 3, 12, 13))))
-    console.wait_for('kart_13')
-
-    for between, last in (('Escape', '2'), ('ctrl+g', '3')):
-        with held_up(console):
-            console.key('1', between, last, 'ctrl+r')
-
-        console.wait_for('status', text=f'RED RED kart {last}: sent')
-
-
 def test_a_kart_is_stopped_on_a_keyboard_of_another_country(
     speak: Callable[..., Speaker], open_console: OpenConsole
 ) -> None:
     """On one whose digits need Shift, and on one without Latin letters."""
-    console = open_console(speak(race=race_of((2, 7))))
+    console = open_console(speak(race=race_of((2, 7))).domain)
     console.wait_for('kart_7')
 
     console.screen.remap('7', 'egrave', '7')

@@ -16,8 +16,6 @@ import ctypes
 import os
 import pathlib
 import signal
-import subprocess
-import sys
 import threading
 
 from evgp_protocol.states import RaceState
@@ -266,18 +264,6 @@ def test_the_process_that_stops_karts_has_no_ros_and_the_other_no_memory_of_othe
         assert what not in mapped(control.kart_server_pid)
     for pid in (control.pid, control.kart_server_pid):
         assert 'shm/fast' not in mapped(pid)  # where Fast DDS has its shared memory
-
-
-def test_an_official_of_the_tests_shares_none_either(domain: int) -> None:
-    program = (
-        'import pathlib, sys; from evgp_testing.official import Official; '
-        "official = Official(int(sys.argv[1]), 'sharer'); "
-        "print(pathlib.Path('/proc/self/maps').read_text()); official.close()"
-    )
-    shown = subprocess.run(
-        [sys.executable, '-c', program, str(domain)], stdout=subprocess.PIPE, check=True
-    )
-    assert b'shm/fast' not in shown.stdout
 
 
 def test_all_of_race_control_comes_before_other_programs_and_the_loop_of_the_karts_first(

@@ -10,7 +10,6 @@ import contextlib
 import math
 import pathlib
 
-from evgp_node.official import UNNAMED
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.ros.kart_client import KART_SERVER_SILENCE
@@ -104,8 +103,8 @@ def test_a_stop_of_any_age_is_taken_and_an_age_that_means_something_is_told(
     assert 'pressed' not in race.official.call('kart/undo_finish', kart=1, age=65.0).message
 
 
-def test_every_command_tells_who_gave_it_accepted_or_refused(
-    race: WireRace,
+def test_every_command_tells_who_gave_it_accepted_or_refused_also_to_one_who_comes_late(
+    race: WireRace, join_official: JoinOfficial
 ) -> None:
     control, official = race.control, race.official
     given: dict[int, tuple[bool, str]] = {}
@@ -134,19 +133,8 @@ def test_every_command_tells_who_gave_it_accepted_or_refused(
     assert others == {''}
     for _, name in given.values():
         control.wait_for_line(rf'\[{name}\]')
-
-
-def test_an_official_without_a_name_is_told_as_unnamed_also_to_one_who_comes_late(
-    race: WireRace, join_official: JoinOfficial
-) -> None:
-    race.official.command('all_kill', official='')
-    told = race.official.wait_for_event(lambda event: event.command, 'the command')
-    assert (told.command, told.official) == (msg.CommandAvailability.ALL_KILL, UNNAMED)
-
-    late = join_official(race.control)
-
-    late.wait_for_race(lambda race: state_of(race.state) is RED_RED, 'RED_RED')
-    late.wait_for_event(lambda event: event == told, 'the same')
+    last = next(event for event in reversed(official.events) if event.command)
+    join_official(control).wait_for_event(lambda event: event == last, 'the same')
 
 
 def be_found(official: Official, service: str) -> None:

@@ -212,19 +212,17 @@ def test_the_rules_in_cpp_are_those_in_python(compile_rules: Compile, compiler: 
     compare(InPython(), compile_rules(IN_CPP, compiler), 200)
 
 
-@pytest.mark.parametrize(
-    ('lease', 'right'),
-    [(0.5, True), (2.0, True), (2.1, False), (6.0, False), (0.0, False), (-1.0, False)],
-)
 def test_no_watch_lets_a_kart_drive_on_for_long_after_its_bridge_has_died(
-    compile_rules: Compile, lease: float, right: bool
+    compile_rules: Compile,
 ) -> None:
     rules = compile_rules(IN_CPP)
-    rules.begin()
-    refused = rules.step('lease', lease).split()[5]
-    assert refused == str(int(not right))
-    with pytest.raises(AttributeError if right else ValueError):
-        RaceStateWatch(NO_NODE, lease=lease)
+    for lease in (0.5, 2.0, 2.1, 6.0, 0.0, -1.0):
+        rules.begin()
+        right = lease in (0.5, 2.0)
+        refused = rules.step('lease', lease).split()[5]
+        assert refused == str(int(not right)), lease
+        with pytest.raises(AttributeError if right else ValueError):
+            RaceStateWatch(NO_NODE, lease=lease)
 
 
 WHOLE = '0 torn, 0 over, 0 allocated\n'

@@ -90,14 +90,7 @@ def test_a_race_that_is_at_rest_is_told_again_with_the_time(telling: Telling) ->
 def test_the_plain_state_is_said_again_until_the_race_is_old_and_none_is_kept(
     telling: Telling,
 ) -> None:
-    node, heard = telling.official.node, []
-
-    def hear(message: String) -> None:
-        with telling.official.news:
-            heard.append(message.data)
-            telling.official.news.notify_all()
-
-    node.create_subscription(String, '/rcs/state', hear, 10)
+    node, heard = telling.official.node, telling.official.hear(String, '/rcs/state')
     telling.official.wait_until_polled(
         lambda: telling.publisher._state.get_subscription_count(), 'its subscriber'
     )
@@ -113,7 +106,7 @@ def test_the_plain_state_is_said_again_until_the_race_is_old_and_none_is_kept(
     count = len(heard)
     telling.publisher.publish(a_race())
     telling.official.wait_until(lambda: len(heard) > count, lambda: 'the state, again')
-    assert set(heard) == {'IN_GARAGE'}
+    assert {each.data for each in heard} == {'IN_GARAGE'}
 
 
 def test_a_publisher_that_cannot_go_on_says_so_and_its_last_words_are_heard(

@@ -287,17 +287,6 @@ class BareBridge(RosSide):
         response.message = 'the test says so'
         return response
 
-    def hear_log(self, name: str) -> list[str]:
-        """Return what a node logs, as soon as it is heard; it is heard once this returns."""
-        heard: list[str] = []
-
-        def hear(entry: Log) -> None:
-            if entry.name == name:
-                heard.append(entry.msg)
-
-        self.node.create_subscription(Log, '/rosout', hear, 1000)
-        return heard
-
     def fall_silent(self) -> None:
         self._timer.cancel()
 
@@ -585,11 +574,15 @@ def test_what_a_bridge_says_anew_again_and_again_does_not_flood_the_log(
     stack: Stack, bridge: BareBridge
 ) -> None:
     bridge.accepts = False
-    heard = bridge.hear_log('stack')
+    heard = bridge.hear(Log, '/rosout', 1000)
+
+    def logged() -> list[str]:
+        return [each.msg for each in heard if each.name == 'stack']
+
     for number in range(40):
         bridge.message.reason = f'reason {number}'
         stack.wait_for_reason(bridge.message.reason)
     bridge.command(RED_RED, 7)
     refusal = 'RED_RED cannot be acknowledged: the test says so'
-    acknowledge_until(stack, wait_for_order(stack, 7), lambda: refusal in heard)
-    assert 0 < sum('reason' in each for each in heard) <= 20
+    acknowledge_until(stack, wait_for_order(stack, 7), lambda: refusal in logged())
+    assert 0 < sum('reason' in each for each in logged()) <= 20

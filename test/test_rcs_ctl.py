@@ -38,7 +38,6 @@ from evgp_rcs_console.command_line import (
 from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.ctl import TIDY
 from evgp_rcs_console.ctl_ros import Hearing
-from evgp_rcs_console.texts import SETTLING
 from evgp_rcs_msgs import srv
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
@@ -612,33 +611,6 @@ def test_corrections_go_to_the_timekeeper_and_no_stop_waits_for_one_that_is_froz
     assert 'no timing' in ends(ACCEPTED, 'watch', '--once')
 
 
-def test_watch_shows_the_race_and_what_happens(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1,), others=(2,), settle_time=60.0)
-    official = join_official(control)
-    connect_kart(control, 1, Acknowledges.EACH_CHANGE)
-    official.wait_for_connected(1)
-    official.command('all_kill')
-    official.wait_for_acks(RaceState.RED_RED, 1)
-    official.wait_for_race(lambda race: race.karts[0].link.grade > 0, 'a link that is measured')
-
-    shown = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE))
-    events = run(control.domain, 'watch', '--events', '--once', '--kart', '1')
-
-    assert shown.returncode == ACCEPTED
-    assert 'Race: ■ RED RED' in shown.stdout
-    assert 'held: ALL KILL' in shown.stdout
-    # It says that it stands: not for people yet.
-    assert re.search(SETTLING.format(seconds=r'\d\d'), shown.stdout)
-    assert re.search(r'^1 .* (good|fair|poor) \d+ ms$', shown.stdout, re.MULTILINE)
-    assert re.search(r'^2 .* ✗ NO LINK$', shown.stdout, re.MULTILINE)
-    assert 'ALL KILL by ' in shown.stdout.splitlines()[0]
-    assert events.returncode == ACCEPTED
-    assert 'Kart 1 (Team 1) acknowledged RED RED' in events.stdout
-    assert 'Kart 2' not in events.stdout
-
-
 def test_every_answer_says_the_banner_so_that_no_rehearsal_is_taken_for_a_race(
     start_race_control: StartRaceControl, join_official: JoinOfficial, parts: contextlib.ExitStack
 ) -> None:
@@ -670,12 +642,16 @@ def test_a_heat_is_put_into_the_race_by_its_name_and_watch_lists_the_heats(desk:
     said = lines.accepted('heat', 'Final')
     race = official.wait_for_race(lambda race: race.karts[2].in_race, 'the heat')
     shown = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE))
+    of_kart = run(control.domain, 'watch', '--events', '--once', '--kart', '3')
     unknown = lines.run('heat', 'B')
 
     assert 'Final' in said
     assert [kart.in_race for kart in race.karts] == [False, True, True]
     assert 'Heat A: 1, 2\n' in shown.stdout
     assert 'Final: 2, 3  (in the race)' in shown.stdout
+    assert re.search(r'^3 .* ✗ NO LINK$', shown.stdout, re.MULTILINE)
+    assert 'kart 3' in of_kart.stdout.lower()
+    assert not re.search(r'Kart [12]\b', of_kart.stdout)
     assert (unknown.code, 'Heat A' in unknown.error) == (REFUSED, True)
 
 

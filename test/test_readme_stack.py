@@ -37,9 +37,6 @@ STOPS = int(os.environ.get('EVGP_STOPS', '12'))
 KARTS = [(0.0, 50.0), (0.25, 50.0), (0.25, 200.0)]
 """The dead time (s) and the rate of odometry (Hz) of each kart."""
 
-TO_THE_BRIDGE = ('-r', '~/odom:=/odom')
-"""Has the bridge listen to the base's odometry."""
-
 
 class Kart:
     """
@@ -55,7 +52,6 @@ class Kart:
         parts: contextlib.ExitStack,
         number: int,
         stack: str,
-        bridge: tuple[str, ...],
         chance: random.Random,
         base: tuple[float, float] = (0.0, 50.0),
         package: str = 'evgp_kart_bridge',
@@ -68,9 +64,7 @@ class Kart:
         self.stops = 0
         self._dice = random.Random(chance.random())  # each kart has a thread
         self._race = parts.enter_context(BareRaceControl(self._hear))
-        parts.enter_context(
-            Bridge(domain, self._race.port, address_of(number), None, 'kart_bridge_node', bridge)
-        )
+        parts.enter_context(Bridge(domain, self._race.port, address_of(number)))
         parts.enter_context(Process(package, stack, domain))
 
     def stop_once(self) -> None:
@@ -114,7 +108,7 @@ def test_the_stack_of_readme_acknowledges_no_stop_while_the_kart_rolls(
 ) -> None:
     need_package(package)
     karts = [
-        Kart(parts, number, 'shortest_stack', (), chance, base, package)
+        Kart(parts, number, 'shortest_stack', chance, base, package)
         for number, base in enumerate(KARTS, start=1)
     ]
     drive(karts, STOPS)
@@ -130,22 +124,11 @@ def test_a_stack_that_answers_the_latest_command_is_caught_rolling(
     parts: contextlib.ExitStack, chance: random.Random, tmp_path: pathlib.Path
 ) -> None:
     program = program_of(StackThatAnswersTheLatest, tmp_path)
-    karts = [Kart(parts, number, program, (), chance) for number in (1, 2)]
+    karts = [Kart(parts, number, program, chance) for number in (1, 2)]
     drive(karts, 300, lambda: any(kart.rolling for kart in karts))
     caught = [each for kart in karts for each in kart.rolling]
     print(f'after {sum(kart.stops for kart in karts)} stops: {caught}')
     assert caught
-
-
-@pytest.mark.early
-def test_the_bridge_lets_no_stack_acknowledge_a_stop_while_odometry_shows_motion(
-    parts: contextlib.ExitStack, chance: random.Random, tmp_path: pathlib.Path
-) -> None:
-    program = program_of(StackThatAnswersTheLatest, tmp_path)
-    kart = Kart(parts, 1, program, TO_THE_BRIDGE, chance)
-    drive([kart], 12)
-    # It may take what is as slow as its `standstill_speed` for standing, and what it hears is old.
-    assert max((speed for _, speed in kart.rolling), default=0.0) < 1.0
 
 
 def test_the_document_shows_the_step_of_the_stack_as_it_is() -> None:

@@ -5,13 +5,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import contextlib
 from fnmatch import fnmatchcase
 import os
 import pathlib
 import signal
 import subprocess
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
@@ -60,27 +60,50 @@ def check_fits(rules: set[str], services: set[str]) -> None:
     assert set().union(*fitting.values()) == rules
 
 
+class InGraph(NamedTuple):
+    """What nodes do in the graph, by the names of topics and services."""
+
+    served: set[str]
+    published: set[str]
+    subscribed: set[str]
+    asked: set[str]
+
+    def does_no_more_than(self, enclave: str) -> None:
+        """Check that the policies allow an enclave just this, but what a node need not hear."""
+        assert self.published == allowed(enclave, 'topics', 'publish')
+        assert self.subscribed <= allowed(enclave, 'topics', 'subscribe')
+        assert self.asked == allowed(enclave, 'services', 'request')
+
+
+def in_graph(node: Any, *named: tuple[str, str]) -> InGraph:
+    """Return what nodes with these names and namespaces do; nothing while one is not known."""
+    known = {*named} <= {*node.get_node_names_and_namespaces()}
+    return InGraph(
+        *(
+            {name for each in named if known for name, _ in names_and_types(*each)}
+            for names_and_types in (
+                node.get_service_names_and_types_by_node,
+                node.get_publisher_names_and_types_by_node,
+                node.get_subscriber_names_and_types_by_node,
+                node.get_client_names_and_types_by_node,
+            )
+        )
+    )
+
+
 def test_race_control_is_allowed_what_it_does_and_nothing_else(
     start_race_control: StartRaceControl, join_official: JoinOfficial
 ) -> None:
     official = join_official(start_race_control())
-    node = official.node
-    own = {(name, '/') for name in ('rcs', 'rcs_stops', 'rcs_starts', 'rcs_roster')}
-    official.wait_for_race(
-        lambda _: own <= set(node.get_node_names_and_namespaces()), 'the nodes in the graph'
+    own = [(name, '/') for name in ('rcs', 'rcs_stops', 'rcs_starts', 'rcs_roster')]
+    official.wait_until_polled(
+        lambda: '/rcs/race' in in_graph(official.node, *own).published, 'the nodes in the graph'
     )
+    seen = in_graph(official.node, *own)
 
-    def of_both(names_and_types: Callable[[str, str], list[tuple[str, list[str]]]]) -> set[str]:
-        return {name for each in own for name, _ in names_and_types(*each)}
-
-    services = of_both(node.get_service_names_and_types_by_node)
-    published = of_both(node.get_publisher_names_and_types_by_node)
-    subscribed = of_both(node.get_subscriber_names_and_types_by_node)
-
-    check_fits(allowed('/rcs', 'services', 'reply'), services)
-    assert published == allowed('/rcs', 'topics', 'publish')
-    assert subscribed <= allowed('/rcs', 'topics', 'subscribe')
-    assert allowed('/rcs', 'services', 'request') == {'/rcs/sign_of_life'}
+    check_fits(allowed('/rcs', 'services', 'reply'), seen.served)
+    seen.does_no_more_than('/rcs')
+    assert seen.asked == {'/rcs/sign_of_life'}
 
 
 def test_officials_may_give_every_command_and_publish_nothing_of_race_controls() -> None:
@@ -102,7 +125,7 @@ def test_watching_takes_no_more_than_watchers_are_allowed(
     start_race_control: StartRaceControl, join_official: JoinOfficial
 ) -> None:
     official = join_official(start_race_control(in_race=(1,)))
-    node = official.node
+    node, named = official.node, ('rcs_ctl', '/')
     watch = subprocess.Popen(
         [executable('evgp_rcs_console', 'rcs_ctl'), 'watch'],
         stdout=subprocess.DEVNULL,
@@ -110,26 +133,16 @@ def test_watching_takes_no_more_than_watchers_are_allowed(
     )
     with watch:
         try:
-            heard = ('rcs_ctl', '/')
-            official.wait_for_race(
-                lambda _: (
-                    heard in node.get_node_names_and_namespaces()
-                    and any(
-                        name == '/rcs/events'
-                        for name, _ in node.get_subscriber_names_and_types_by_node(*heard)
-                    )
-                ),
-                'the watcher in the graph',
+            official.wait_until_polled(
+                lambda: '/rcs/events' in in_graph(node, named).subscribed, 'the watcher'
             )
-            asked = {name for name, _ in node.get_client_names_and_types_by_node(*heard)}
-            published = {name for name, _ in node.get_publisher_names_and_types_by_node(*heard)}
-            subscribed = {name for name, _ in node.get_subscriber_names_and_types_by_node(*heard)}
+            seen = in_graph(node, named)
         finally:
             watch.send_signal(signal.SIGINT)
 
-    assert asked == allowed('/watchers', 'services', 'request') == set()
-    assert published <= allowed('/watchers', 'topics', 'publish')
-    assert subscribed <= allowed('/watchers', 'topics', 'subscribe')
+    assert seen.asked == allowed('/watchers', 'services', 'request') == set()
+    assert seen.published <= allowed('/watchers', 'topics', 'publish')
+    assert seen.subscribed <= allowed('/watchers', 'topics', 'subscribe')
 
 
 def test_a_timing_source_does_no_more_than_it_is_allowed(
@@ -140,18 +153,10 @@ def test_a_timing_source_does_no_more_than_it_is_allowed(
     given = {'kind': 'p3', 'device': '127.0.0.1:1'}
     parts.enter_context(Process('evgp_timing', 'timing_source', domain, given))
     topics = {'/rcs/passings', '/diagnostics', '/rosout', '/parameter_events'}
-
-    def published() -> set[str]:
-        if named not in node.get_node_names_and_namespaces():
-            return set()
-        return {name for name, _ in node.get_publisher_names_and_types_by_node(*named)}
-
-    looking.wait_until_polled(lambda: published() >= topics, 'the source in the graph')
-    assert published() == topics == allowed('/timing', 'topics', 'publish')
-    subscribed = {name for name, _ in node.get_subscriber_names_and_types_by_node(*named)}
-    assert subscribed <= allowed('/timing', 'topics', 'subscribe')
-    assert {name for name, _ in node.get_client_names_and_types_by_node(*named)} == set()
-    assert allowed('/timing', 'services', 'request') == set()
+    looking.wait_until_polled(lambda: in_graph(node, named).published >= topics, 'the source')
+    seen = in_graph(node, named)
+    seen.does_no_more_than('/timing')
+    assert (seen.published, seen.asked) == (topics, set())
 
 
 def test_the_timekeeper_does_no_more_than_it_is_allowed_and_gives_finish_alone(
@@ -162,27 +167,17 @@ def test_the_timekeeper_does_no_more_than_it_is_allowed_and_gives_finish_alone(
     write_roster(tmp_path, [1])
     parts.enter_context(Timekeeper(tmp_path, domain))
     wanted = {f'/rcs/{entry.service}' for entry in CORRECTIONS.values()}
-
-    def of(names_and_types: Callable[[str, str], list[tuple[str, list[str]]]]) -> set[str]:
-        if named not in node.get_node_names_and_namespaces():
-            return set()
-        return {name for name, _ in names_and_types(*named)}
-
+    hears = {'/rcs/events', '/rcs/passings'}
     looking.wait_until_polled(
         lambda: (
-            wanted <= of(node.get_service_names_and_types_by_node)
-            and of(node.get_subscriber_names_and_types_by_node) >= {'/rcs/events', '/rcs/passings'}
+            wanted <= in_graph(node, named).served and hears <= in_graph(node, named).subscribed
         ),
         'the timekeeper in the graph',
     )
-    services = of(node.get_service_names_and_types_by_node)
-    check_fits(allowed('/timekeeper', 'services', 'reply'), services)
-    published = of(node.get_publisher_names_and_types_by_node)
-    assert published == allowed('/timekeeper', 'topics', 'publish')
-    subscribed = of(node.get_subscriber_names_and_types_by_node)
-    assert subscribed <= allowed('/timekeeper', 'topics', 'subscribe')
-    asked = of(node.get_client_names_and_types_by_node)
-    assert asked == allowed('/timekeeper', 'services', 'request') == {'/rcs/kart/finish'}
+    seen = in_graph(node, named)
+    check_fits(allowed('/timekeeper', 'services', 'reply'), seen.served)
+    seen.does_no_more_than('/timekeeper')
+    assert seen.asked == {'/rcs/kart/finish'}
 
 
 def test_race_control_does_not_start_where_security_is_demanded_and_cannot_be_had(

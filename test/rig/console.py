@@ -12,7 +12,7 @@ Commands never go through the probe; they are clicks and keys on the X server.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 import json
 import os
 import pathlib
@@ -41,7 +41,6 @@ class Console(Program):
 
     :param folder: where its socket goes.
     :param environment: more environment variables of its process.
-    :param arguments: of its command line.
     """
 
     def __init__(
@@ -50,7 +49,6 @@ class Console(Program):
         domain: int,
         screen: Screen,
         environment: dict[str, str] | None = None,
-        arguments: Sequence[str] = (),
     ) -> None:
         """Open the window; it need not find race control."""
         self.screen = screen
@@ -63,7 +61,7 @@ class Console(Program):
         listening.settimeout(PATIENCE)
         super().__init__(
             'rcs_gui',
-            [sys.executable, '-m', 'rig.console', str(address), *arguments],
+            [sys.executable, '-m', 'rig.console', str(address)],
             domain,
             {
                 'DISPLAY': screen.display,
@@ -351,7 +349,7 @@ def main() -> int:
     from evgp_rcs_console.gui import main as gui
 
     attach: Callable[[Any], None] = lambda window: probe(window, sys.argv[1])  # noqa: E731
-    return gui(sys.argv[2:], attach)
+    return gui([], attach)
 
 
 if __name__ == '__main__':

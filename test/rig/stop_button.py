@@ -71,14 +71,8 @@ class Ear(RosSide):
 
     def __init__(self, domain: int) -> None:
         super().__init__('ear', domain)
-        self.heard: list[Presence] = []
-        self.node.create_subscription(Presence, '/rcs/presence', self._hear, 10)
+        self.heard: list[Presence] = self.hear(Presence, '/rcs/presence')
         self.spin()
-
-    def _hear(self, message: Presence) -> None:
-        with self.news:
-            self.heard.append(message)
-            self.news.notify_all()
 
     def wait_for(self, found: Callable[[Presence], object], since: int = 0) -> Presence:
         """Return the first message, from one on, for which something is true."""

@@ -495,6 +495,10 @@ def test_a_word_perhaps_for_the_earlier_command_shows_when_it_counts_or_the_cure
     said = with_kart(sent_since=34.0, **says).rows[0]
     assert said.note.text.startswith('its GRID ACTIVE report answered an older order: if')
     assert 'answered an older order' not in with_kart(sent_since=36.0, **says).rows[0].note.text
+    stands = {'sent': RaceState.RED_RED, 'acknowledged': True, 'may_be_moving': True}
+    assert with_kart(settles_at=42.0, **stands).rows[0].answer.text == texts.SETTLING.format(
+        seconds='2'
+    )
 
 
 def test_a_kart_shows_whether_it_acknowledged_and_what_it_says() -> None:

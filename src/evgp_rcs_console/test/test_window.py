@@ -1093,7 +1093,11 @@ def test_a_key_or_a_click_that_was_too_old_is_named_if_it_means_anything(
         console.settle()
 
         assert bool(console.text('status')) is told
-    assert not console.commands
+        assert not console.commands
+    # Digits are not joined across another key, dropped or not; a stop acts, however old it is.
+    for between in ('Esc', 'Ctrl+G'):
+        console.press('1', between, '2', 'Ctrl+R')
+        assert console.commands == [(CommandKind.KART_RED_RED, 2)]
 
 
 @pytest.mark.parametrize('question', ['F6', 'F9', '1 Ctrl+G'])

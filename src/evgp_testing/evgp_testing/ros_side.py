@@ -10,7 +10,7 @@ import contextlib
 import os
 import threading
 import time
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from evgp_node.graph import bind_graph, fence_graph
 from evgp_node.spinning import Spinning
@@ -19,6 +19,7 @@ import rclpy
 from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 T = TypeVar('T')
 
@@ -61,6 +62,18 @@ class RosSide(Part):
         :param only_serves: see ``Spinning``.
         """
         self._spinning = Spinning(self.node, self.failures.append, only_serves)
+
+    def hear(self, kind: type, topic: str, qos: QoSProfile | int = 10) -> list[Any]:
+        """Return a list to which every message of a topic is added from now on."""
+        heard: list[Any] = []
+
+        def add(message: Any) -> None:
+            with self.news:
+                heard.append(message)
+                self.news.notify_all()
+
+        self.node.create_subscription(kind, topic, add, qos)
+        return heard
 
     def wait_until(self, found: Callable[[], T], what: Callable[[], str]) -> T:
         """
