@@ -556,7 +556,7 @@ def test_a_window_that_is_not_active_says_so_and_takes_the_first_click_for_no_co
     console: Console, application: Any
 ) -> None:
     other = QtWidgets.QWidget()
-    console.tell(race_of(8))
+    console.tell(race_of(2))
     other.setGeometry(2000, 0, 50, 50)
     other.show()
     other.activateWindow()
@@ -584,7 +584,7 @@ def test_a_window_that_is_not_active_says_so_and_takes_the_first_click_for_no_co
 def test_a_heat_is_chosen_by_its_number_and_enter_and_then_no_button_has_the_focus(
     console: Console,
 ) -> None:
-    console.tell(race_of(8, RaceState.IN_GARAGE))
+    console.tell(race_of(2, RaceState.IN_GARAGE))
     console.click('set_heat')
     assert console.find('heat_1').hasFocus()
     console.press('2')
@@ -650,14 +650,14 @@ def test_day_and_night_are_remembered(opened: Any, tmp_path: pathlib.Path) -> No
 def test_alerts_that_ended_are_one_line_and_do_not_follow_into_the_next_race(
     console: Console,
 ) -> None:
-    console.tell(race_of(8, alerts=(alert(1), alert(2))))
+    console.tell(race_of(2, alerts=(alert(1), alert(2))))
     assert 'USE THE MSR' in console.text('banner')
     assert texts.USE_MSR in console.says(1)
-    console.tell(race_of(8))
+    console.tell(race_of(2))
 
     assert '2 alerts: karts 1, 2' in console.text('banner')
     assert console.text('banner').count('ENDED') == 1
-    console.tell(race_of(8, RaceState.GRID_ACTIVE))
+    console.tell(race_of(2, RaceState.GRID_ACTIVE))
     assert not console.text('banner')
 
 
@@ -856,7 +856,7 @@ def test_join_by_key_is_not_sent_as_leave_when_another_official_was_faster(
 def test_a_press_just_after_the_heats_changed_puts_no_other_heat_into_the_race(
     console: Console,
 ) -> None:
-    race = race_of(8, RaceState.IN_GARAGE)
+    race = race_of(2, RaceState.IN_GARAGE)
     others = (Heat('Heat C', (3,)),), (Heat('Heat C', (3,)), Heat('Heat D', (4,)))
     for heats in others:
         for name in ('heat_1', 'heat_2', ''):
@@ -871,7 +871,7 @@ def test_a_press_just_after_the_heats_changed_puts_no_other_heat_into_the_race(
 
 
 def test_heats_that_are_added_while_the_sheet_is_open_have_room_on_it(console: Console) -> None:
-    race = race_of(8, RaceState.IN_GARAGE)
+    race = race_of(2, RaceState.IN_GARAGE)
     console.tell(race)
     console.press('Ctrl+H')
     console.tell(replace(race, heats=tuple(Heat(f'Heat {n}', (n,)) for n in range(1, 6))))
@@ -900,7 +900,7 @@ def test_a_number_that_is_not_in_the_roster_is_said_so_and_stops_no_kart(console
 
 
 def test_what_is_too_long_for_the_bottom_line_is_shown_in_smaller_type(console: Console) -> None:
-    console.tell(race_of(8))
+    console.tell(race_of(2))
     status = console.find('status')
     sizes = []
     for why in (WHY, 4 * WHY, WHY):
@@ -916,7 +916,7 @@ def test_an_alert_that_is_too_long_for_its_room_ends_with_dots_and_is_read_below
     console: Console,
 ) -> None:
     long = Alert(AlertKind.TRACK_UNSAFE, 0, 0.0, 9 * WHY, True)
-    console.tell(race_of(8, alerts=(long,)))
+    console.tell(race_of(2, alerts=(long,)))
 
     assert not console.window.alerts.cut
     assert '…' in console.find('alert_texts').text()
