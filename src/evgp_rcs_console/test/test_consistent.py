@@ -38,6 +38,11 @@ MSR_KINDS = (
     AlertKind.KART_LOST,
     AlertKind.NOT_READY,
 )
+FLAGS = (
+    *('in_race', 'connected', 'acknowledged', 'may_be_moving', 'stands'),
+    *('stopped_itself', 'poor_lately'),
+)
+"""What is true of a kart or not."""
 
 
 @st.composite
@@ -49,21 +54,15 @@ def karts(draw: st.DrawFn, number: int) -> KartSnapshot:
     return replace(
         KART,
         number=number,
-        in_race=draw(st.booleans()),
-        connected=draw(st.booleans()),
         sent=sent,
-        acknowledged=draw(st.booleans()),
         reported=reported,
         hold=hold,
         hold_reason='' if hold is None else 'ALL_KILL by Anna',
-        may_be_moving=draw(st.booleans()),
-        stands=draw(st.booleans()),
-        stopped_itself=draw(st.booleans()),
         settles_at=draw(st.sampled_from((None, 42.5))),
         counts_at=draw(st.sampled_from((None, 40.0, 42.5))),
         flag_at=draw(st.sampled_from((None, 42.5))),
-        poor_lately=draw(st.booleans()),
         link=NOT_MEASURED._replace(grade=grade, worst_answer=0.6, round_trip=0.01),
+        **{name: draw(st.booleans()) for name in FLAGS},
     )
 
 
