@@ -856,7 +856,9 @@ def test_a_disagreement_about_results_is_no_question_to_the_race_director() -> N
     known = timing(karts=(driven(7, 3),))
     asked = known._replace(questions=('Kart 7 is marked as finished, but 3 laps are missing',))
 
-    assert screen_of(asked) == screen_of(known)
+    screens = [screen_of(results) for results in (asked, known)]
+    assert table(screens[0]) == table(screens[1])
+    assert screens[0].rows == screens[1].rows
 
 
 def test_the_races_of_the_event_are_listed_with_the_numbers_by_which_one_is_chosen() -> None:
