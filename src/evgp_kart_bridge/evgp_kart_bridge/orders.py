@@ -87,13 +87,12 @@ class Orders:
 
     :ivar said: the bridge's last message; None if there was none.
     :param lease: silence of the bridge after which the kart must obey RED_RED, in seconds.
-    :param forgiven: a value to use instead of `FORGIVEN`, in seconds.
     """
 
-    def __init__(self, lease: float, forgiven: float = FORGIVEN) -> None:
+    def __init__(self, lease: float) -> None:
         self.said: Said | None = None
         self._lease = lease
-        self._forgiven = forgiven
+        self._forgiven = FORGIVEN
         self._heard_at = -math.inf
         self._bridges_alive: int | None = None  # None: not reported yet
         self._armed_by: int | None = None  # the bridge whose GRID_ACTIVE was heard
