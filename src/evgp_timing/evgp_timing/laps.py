@@ -226,7 +226,7 @@ class Laps:
         )
         laps, taken = laps._judge(crossings)
         for place, each in enumerate(taken):
-            if press := laps._press_before(each):
+            while press := laps._press_before(taken[place]):  # two officials may have pressed
                 why = f'seen by {each.passing.identity}'
                 struck = {**laps.struck, press.passing.identity: why}
                 laps, taken[place] = laps._give(each, press.passing.kart, struck=struck)

@@ -393,6 +393,18 @@ def test_what_a_source_sees_just_after_a_press_takes_its_place_if_no_lap_is_lost
     assert len(story.laps.counted[2]) == 4
 
 
+@pytest.mark.parametrize('kart', [0, 2])
+def test_what_a_source_sees_takes_the_place_of_two_officials_presses_for_it(kart: int) -> None:
+    story = Story(race())
+    for story.now in (10.0, 10.2):
+        story.press(2)
+    story.now = 10.4
+    story.passing('line', kart, '', 0.0)
+    assert story.laps.counted[2] == pytest.approx((10.4,))
+    marks = [each.mark for each in story.laps.crossings]
+    assert marks == [Mark.STRUCK, Mark.STRUCK, Mark.COUNTED]
+
+
 def test_nobody_asks_who_crossed_while_an_official_may_still_press() -> None:
     story = Story(race())
     beam_of(story, 10.0)
