@@ -29,6 +29,7 @@ from evgp_testing.usage import family
 from evgp_testing.wire_kart import kart_socket
 from evgp_testing.wire_race import WireRace
 import pytest
+from rig.networks import own_disk
 
 IN_GARAGE = RaceState.IN_GARAGE
 GREEN_GREEN = RaceState.GREEN_GREEN
@@ -181,20 +182,14 @@ def test_on_a_new_machine_and_after_a_good_end_it_begins_in_the_garage_with_any_
 # ----- a place that is not the machine's, or cannot be written -------------------------------
 
 
-def in_private_tmp(folder: pathlib.Path) -> tuple[str, ...]:
-    """Return words that run a command as systemd does with PrivateTmp=yes."""
-    own = folder / 'systemd-private-1f-evgp-rcs.service' / 'tmp'
-    own.mkdir(parents=True, exist_ok=True)
-    script = 'mount --bind "$0" /var/tmp && exec "$@"'
-    return ('unshare', '--mount', 'sh', '-c', script, str(own))
-
-
 @needs_root
 def test_where_the_place_of_the_mark_is_private_nothing_is_proved_and_no_race_starts(
     machine: Machine,
 ) -> None:
     machine.end_well()
-    with machine.run(under=in_private_tmp(machine.folder)) as race:
+    private = machine.folder / 'systemd-private-1f-evgp-rcs.service'  # of PrivateTmp=yes
+    private.mkdir()
+    with machine.run(under=own_disk(private / 'tmp')) as race:
         official = race.official
         seen = official.wait_for_race(lambda race: race.alerts, 'an alert')
         assert sent_to(race) == {RED_RED}
