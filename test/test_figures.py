@@ -189,13 +189,6 @@ def test_the_network_document_has_the_limits_of_the_survey() -> None:
     assert {name.replace('-', '_'): float(limit) for limit, name in rows} == limits
 
 
-def test_the_times_of_a_race_are_parameters_by_the_same_name_and_default() -> None:
-    for name, default in dataclasses.asdict(RaceTimes()).items():
-        if name in race_control.defaults:
-            wanted = list(default) if isinstance(default, tuple) else default
-            assert race_control.defaults[name] == wanted
-
-
 # ----- one name, one meaning ---------------------------------------------------------------
 
 NAMESPACES = ('texts.py', 'style.py')
