@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A stop is sent again until race control accepts it."""
+"""A stop is sent again until race control accepts it, and a command waits for its answer."""
 
 from __future__ import annotations
 
@@ -11,11 +11,14 @@ from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console.commands import (
     CERTAIN,
     Given,
+    LATE,
     OUTLIVES,
     PRESS_AGAIN,
     RaceBegan,
     request,
+    Standing,
     StandingStops,
+    Unanswered,
 )
 import pytest
 
@@ -179,3 +182,35 @@ def test_a_clock_of_race_control_that_is_set_makes_no_race_seem_later(step: floa
     began.hear(1100.0, 1090.0, 100.0)
 
     assert began.hear(1110.0 + step, 1090.0 + step, 110.0) <= 90.0
+
+
+def test_the_answer_to_an_older_press_leaves_the_newer_one_waiting() -> None:
+    unanswered = Unanswered()
+    older, newer = (Given(CommandKind.RACE_OVER, at=at) for at in (1.0, 2.0))
+    for given in (older, newer):
+        unanswered.add(given)
+
+    unanswered.answered(older)
+    assert unanswered.ages(5.0) == {(CommandKind.RACE_OVER, 0): 3.0}
+    unanswered.answered(newer)
+    assert not unanswered
+
+
+def test_of_several_commands_the_one_that_has_waited_longest_is_told_once_it_is_late() -> None:
+    unanswered = Unanswered()
+    older, newer = Given(CommandKind.RACE_OVER, at=1.0), Given(CommandKind.JOIN_RACE, 7, at=1.1)
+    unanswered.add(newer)
+    unanswered.add(older)
+
+    assert unanswered.oldest(1.0 + LATE / 2) is None
+    assert unanswered.oldest(2.0) is older
+
+
+def test_stops_are_told_once_they_are_late() -> None:
+    unanswered = Unanswered()
+    kill = Standing(Given(CommandKind.ALL_KILL), since=1.0)
+    flag = Standing(Given(CommandKind.RED_FLAG), since=2.0)
+    unanswered.stops = (kill, flag)
+
+    late = [unanswered.late_stops(since + LATE / 2) for since in (1.0, 2.0, 3.0)]
+    assert late == [[], [kill], [kill, flag]]
