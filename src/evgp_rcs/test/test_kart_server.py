@@ -417,17 +417,6 @@ def test_a_stop_that_lies_unread_is_judged_before_what_a_kart_says(run: Run) -> 
     assert not running.race.karts[1].acknowledged
 
 
-def test_ready_counts_as_grid_active(run: Run) -> None:
-    running = run()
-    client = running.connect(1)
-    running.wait_for(EventKind.CONNECTED, 1)
-    running.give(CommandKind.GRID_ACTIVE)
-    read_until(client, GRID_ACTIVE)
-    client.sendall(b'$READY;')
-    (event,) = running.wait_for(EventKind.ACKNOWLEDGED, 1)
-    assert event.state is GRID_ACTIVE
-
-
 def test_a_kart_that_goes_on_flooding_is_dropped(run: Run) -> None:
     running = run(beat_rate=100.0)
     client = running.connect(1)
