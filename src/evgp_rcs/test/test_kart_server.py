@@ -501,21 +501,6 @@ def test_a_kart_whose_kernel_answers_nothing_has_a_poor_link_and_is_delivered_no
     assert (event.state, event.after > 0.0) == (RED_RED, True)
 
 
-def test_what_is_said_while_a_stop_is_on_its_way_is_no_answer_to_it(
-    stuck: tuple[Running, socket.socket, KartLink],
-) -> None:
-    running, client, _ = stuck
-    running.give(CommandKind.KART_RED_RED, 3)
-    for _ in range(50):  # one of them is read before the next beat
-        client.sendall(encode(RED_RED))
-    client.sendall(b'.')
-    running.wait_for(EventKind.MALFORMED, 3)
-    assert not any(each.kind is EventKind.ACKNOWLEDGED for each in running.events)
-    read_until(client, RED_RED)
-    client.sendall(encode(RED_RED))
-    running.wait_for(EventKind.ACKNOWLEDGED, 3)
-
-
 def test_only_a_stop_that_the_karts_kernel_has_answered_to_its_end_has_arrived(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
