@@ -10,6 +10,7 @@ import pathlib
 import re
 import subprocess
 import sys
+import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules import race
@@ -90,11 +91,17 @@ def test_a_plain_kart_keeps_when_it_was_sent_and_said_what() -> None:
     ):
         kart.wait_for_state(RaceState.IN_GARAGE)
         control.exchange(RaceState.GREEN_GREEN)
+        kart.send(b'$GRID_')
+        cut = time.monotonic()
+        kart.send(b'ACTIVE;$READY;')
     assert witness.links == [kart]
-    assert [state for _, state in kart.changes] == [state for state, _, _ in kart.said]
+    *said, in_pieces, ready = kart.said
+    assert in_pieces[0] is ready[0] is RaceState.GRID_ACTIVE
+    assert [state for _, state in kart.changes] == [state for state, _, _ in said]
     times = [kart.opened, kart.times[0]]
-    for (read, _), (_, before, after) in zip(kart.changes, kart.said, strict=True):
+    for (read, _), (_, before, after) in zip(kart.changes, said, strict=True):
         times += [read, before, after]
+    times += [cut, *in_pieces[1:]]
     assert times == sorted(times)
     assert kart.times[-1] <= kart.closed_at
 

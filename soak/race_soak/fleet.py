@@ -81,7 +81,6 @@ class Fleet:
         self.disciplined = threading.Event()
         """While set, karts acknowledge what they are sent, and faults are rare."""
         self.faults: Counter[str] = Counter()
-        self.refused = 0
         self.failure: BaseException | None = None
         self._addresses = addresses
         self._strangers = list(strangers)
@@ -152,7 +151,6 @@ class Fleet:
         try:
             link = _Link(kart, self._addresses[kart], self.port, self._witness, mood, deaf)
         except OSError:
-            self.refused += 1
             self._after(0.5, self._connector(kart))
             return None
         self._links[kart].append(link)
@@ -249,13 +247,13 @@ class Fleet:
     def _half_close(self, link: _Link) -> None:
         link.half_close()
 
-    def _silence(self, link: _Link, longest: float = 0.9) -> None:
+    def _silence(self, link: _Link) -> None:
         """Read nothing for a while; race control tolerates that."""
         if not link.reading:
             return
         link.reading = False
         self._selector.unregister(link.socket)
-        self._after(self._rng.uniform(0.1, longest), lambda: self._hear_again(link))
+        self._after(self._rng.uniform(0.1, 0.9), lambda: self._hear_again(link))
 
     def _hear_again(self, link: _Link) -> None:
         if link not in self._links[link.kart] or link.reading:

@@ -414,17 +414,6 @@ def test_a_stop_that_lies_unread_is_judged_before_what_a_kart_says(run: Run) -> 
     assert not running.race.karts[1].acknowledged
 
 
-def test_ready_counts_as_grid_active(run: Run) -> None:
-    running = run()
-    client = running.connect(1)
-    running.wait_for(EventKind.CONNECTED, 1)
-    running.give(CommandKind.GRID_ACTIVE)
-    read_until(client, GRID_ACTIVE)
-    client.sendall(b'$READY;')
-    (event,) = running.wait_for(EventKind.ACKNOWLEDGED, 1)
-    assert event.state is GRID_ACTIVE
-
-
 def test_a_kart_that_goes_on_flooding_is_dropped(run: Run) -> None:
     running = run(beat_rate=100.0)
     client = running.connect(1)
@@ -507,21 +496,6 @@ def test_a_kart_whose_kernel_answers_nothing_has_a_poor_link_and_is_delivered_no
     running.wait_until_shown(lambda race, at: race.karts[3].delivered_at is not None)
     (*_, event) = running.wait_for(EventKind.DELIVERED, 3)
     assert (event.state, event.after > 0.0) == (RED_RED, True)
-
-
-def test_what_is_said_while_a_stop_is_on_its_way_is_no_answer_to_it(
-    stuck: tuple[Running, socket.socket, KartLink],
-) -> None:
-    running, client, _ = stuck
-    running.give(CommandKind.KART_RED_RED, 3)
-    for _ in range(50):  # one of them is read before the next beat
-        client.sendall(encode(RED_RED))
-    client.sendall(b'.')
-    running.wait_for(EventKind.MALFORMED, 3)
-    assert not any(each.kind is EventKind.ACKNOWLEDGED for each in running.events)
-    read_until(client, RED_RED)
-    client.sendall(encode(RED_RED))
-    running.wait_for(EventKind.ACKNOWLEDGED, 3)
 
 
 def test_only_a_stop_that_the_karts_kernel_has_answered_to_its_end_has_arrived(

@@ -82,13 +82,8 @@ def new_port() -> int:
     """Return a free port at which no race control is known to have run on this machine."""
     port = free_port()
     for address in ('127.0.0.1', ServerSettings.host):
-        forget_runs_at(address, port)
+        place(address, port).unlink(missing_ok=True)  # left by a killed one
     return port
-
-
-def forget_runs_at(address: str, port: int) -> None:
-    """Let race control start there as if none had run on this machine. Never use it in a race."""
-    place(address, port).unlink(missing_ok=True)  # left by a killed one
 
 
 class RaceControl(Process):

@@ -83,7 +83,9 @@ class _Connection:
     counted: list[tuple[RaceState, float, float]] = field(default_factory=list)
 
     def order(self, at: float, state: RaceState, serial: int = 0) -> None:
-        self.ordered[serial] = at
+        """Note an order; without a serial, no report answers it."""
+        if serial:
+            self.ordered[serial] = at
         if not self.states or self.states[-1][1] is not state:
             self.states.append((at, state))
 
@@ -138,41 +140,34 @@ def _recorded(replay: Replay) -> tuple[dict[int, list[_Connection]], list[_Judge
     """Return the connections of each kart, the commands, and the time of the last input."""
     ahead = clock.now() - time.monotonic()
     connections: dict[int, list[_Connection]] = defaultdict(list)
+    present: dict[int, _Connection] = {}
     commands: list[_Judged] = []
     starting: _Judged | None = None
     at = -math.inf
-
-    def there() -> Iterator[_Connection]:
-        return (each[-1] for each in connections.values() if each[-1].ended == math.inf)
-
     for entry, _, outcome, _ in replay.steps():
-        if isinstance(entry, StampedEvent):
-            if entry.event.kind is EventKind.ENDED:
-                for each in there():
-                    each.order(entry.monotonic - ahead, RaceState.RED_RED)
-            continue
+        if isinstance(entry, StampedEvent) and entry.event.kind is EventKind.ENDED:
+            for connection in present.values():
+                connection.order(entry.monotonic - ahead, RaceState.RED_RED)
         if outcome is None:
             continue
         assert isinstance(entry, inputs.Input)
         at = entry.at - ahead
-        if isinstance(entry, inputs.Connected | inputs.Disconnected):
-            if connections[entry.kart]:
-                last = connections[entry.kart][-1]
-                last.ended = min(last.ended, at)
-            if isinstance(entry, inputs.Connected):
-                connections[entry.kart].append(_Connection(at))
-        elif isinstance(entry, inputs.Heard):
-            ordered = connections[entry.kart][-1].ordered.get(entry.serial)
-            if ordered is not None:
-                connections[entry.kart][-1].counted.append((entry.state, ordered, at))
+        if isinstance(entry, inputs.Connected | inputs.Disconnected) and entry.kart in present:
+            present.pop(entry.kart).ended = at
+        if isinstance(entry, inputs.Connected):
+            present[entry.kart] = _Connection(at)
+            connections[entry.kart].append(present[entry.kart])
+        elif isinstance(entry, inputs.Heard) and entry.serial in present[entry.kart].ordered:
+            ordered = present[entry.kart].ordered[entry.serial]
+            present[entry.kart].counted.append((entry.state, ordered, at))
         elif isinstance(entry, inputs.Commanded):
             commands.append(_Judged(at, entry.command, outcome.answer))
             starting = commands[-1] if outcome.answer is None else starting
         elif isinstance(entry, inputs.StartSaved) and starting and outcome.answer is not None:
             starting.answer, starting = outcome.answer, None
         for order in outcome.orders:
-            if connections[order.kart] and connections[order.kart][-1].ended == math.inf:
-                connections[order.kart][-1].order(at, order.state, order.serial)
+            if order.kart in present:
+                present[order.kart].order(at, order.state, order.serial)
     return connections, commands, at
 
 
