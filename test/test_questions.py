@@ -33,7 +33,7 @@ from evgp_rcs.rules.race import (
 )
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot, snapshot_of
 from evgp_rcs_console.client import spoken
-from evgp_rcs_console.questions import Effects, effects
+from evgp_rcs_console.questions import Effects
 from evgp_rcs_console.view import Button, Screen
 from evgp_rcs_msgs import msg
 import pytest
@@ -182,8 +182,7 @@ class Walk:
                 button = screen.button(command, kart.number if kart else 0)
                 if button is None or not button.enabled:
                     continue
-                said = effects(command, shown, (kart or shown).offered(command), kart)
-                yield Question(button, said, shown, race, self.now)
+                yield Question(button, button.question.effects, shown, race, self.now)
 
 
 def numbers(karts: tuple[KartSnapshot, ...]) -> set[int]:
@@ -248,7 +247,7 @@ def check(question: Question) -> None:
     assert not any(race.karts[number].connected for number in later)
     assert all(after[number][1] is not None for number in held)
     assert all(after[number][1] is None for number in rest - changed)
-    said = '\n'.join(button.question().consequences)
+    said = '\n'.join(button.question.consequences)
     for number in NUMBERS:
         assert f'{number}' in said or button.kart or not at_once | later
 
@@ -276,13 +275,13 @@ def test_a_question_that_lets_humans_near_says_what_the_screen_says_against_it(
         if not shown.track.allowed and shown.track.settled_by is CommandKind.IN_GARAGE:
             # IN GARAGE settles that: it is stated there, and no warning.
             settles = button.command is CommandKind.IN_GARAGE
-            assert (NO_RACE_ANYWHERE in button.question().condition) is settles
-            assert (shown.track.reason in button.question().warning) is not settles
+            assert (NO_RACE_ANYWHERE in button.question.condition) is settles
+            assert (shown.track.reason in button.question.warning) is not settles
         elif not shown.track.allowed:
             against += 1
-            assert shown.track.reason in button.question().warning
-            assert shown.track.reason not in button.question().condition
+            assert shown.track.reason in button.question.warning
+            assert shown.track.reason not in button.question.condition
         elif not shown.track.msr_used:
             nobody_connected = not any(kart.connected for kart in shown.karts)
-            assert bool(button.question().warning) is nobody_connected
+            assert bool(button.question.warning) is nobody_connected
     assert against

@@ -129,7 +129,7 @@ class Lines(Part):
         assert hearing.wait_for(lambda: hearing.race and hearing.race.stamp >= newest, until)
         hearing.answer = hearing.dropped = hearing.given = None
         hearing.standing = ()
-        told = ctl_ros._give(self._client, hearing, wanted, until, 0.0)
+        told = ctl_ros.Terminal(self._client, hearing, wanted, until).give(0.0)
         return ctl_ros._under_banner(told, hearing.race)
 
     def accepted(self, *words: str) -> str:

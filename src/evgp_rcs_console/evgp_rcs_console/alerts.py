@@ -24,7 +24,7 @@ from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.notices import AlertBook, Notice, summary
-from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
+from evgp_rcs_console.qt import QtCore, QtWidgets
 from evgp_rcs_console.style import LARGE, look, NUMBER, SMALL
 from evgp_rcs_console.view import Screen
 from evgp_rcs_console.widgets import fixed, lay, mark, Panel, Push, Text, TOP
@@ -144,9 +144,6 @@ class AlertsArea(Panel):
     :ivar alarm: sounds while an alert is not marked as seen.
     """
 
-    changed = Signal()
-    """Emitted when SEEN marks nothing, because the alerts had just changed."""
-
     def __init__(self) -> None:
         super().__init__('banner')
         self.alarm = Alarm()
@@ -249,7 +246,8 @@ class AlertsArea(Panel):
         """Mark the first unseen alerts as seen (None: all), if shown for long enough to read."""
         before = self._aim.seen(clock.now())
         if before is not None and set(self._unseen[:count]) - set(before[:count]):
-            self.changed.emit()
+            changed = 'The alerts have just changed. Check them, then press SEEN again.'
+            self.window().bottom.say(changed, Tone.WAIT)
         else:
             self._book.see(self._unseen[:count])
             self._show()

@@ -112,10 +112,6 @@ def _commands(screen: Screen) -> list[object]:
 class Areas(QtWidgets.QWidget):
     """Lays out the areas of the window and the sheets that open over them."""
 
-    commanded = Signal(object, object)
-    """Emitted when a button acts. Carries the button's command from the moment of the press, and
-    the command that the button has now."""
-
     def __init__(self, names: OfficialNames) -> None:
         super().__init__()
         self.setObjectName('window')
@@ -425,20 +421,21 @@ AGES = 1.0
 """Maximum time between two updates of the ages on the screen, in seconds."""
 
 
-class Display(QtCore.QObject):
+class Display(Areas):
     """
     Shows the newest snapshot of the race in every area.
+
+    It belongs to the Qt thread, so Qt queues the client's signals.
 
     :ivar unanswered: this official's commands that race control has not answered yet, and the
         stops that it has not accepted yet.
     """
 
-    def __init__(self, areas: Areas, looking: str, inbox: Inbox) -> None:
-        super().__init__(areas)  # belongs to the Qt thread, so Qt queues the client's signals
-        self.areas = areas
+    def __init__(self, looking: str, inbox: Inbox) -> None:
+        super().__init__(inbox.names)
         self.unanswered = Unanswered()
-        self.bottom = BottomLine(areas.foot.status, self.unanswered)
-        self.chosen = ChosenKart(areas)
+        self.bottom = BottomLine(self.foot.status, self.unanswered)
+        self.chosen = ChosenKart(self)
         self._latest = Latest(clock.now(), looking)
         self._waiting = inbox.waiting
         self._shown_at = 0.0
@@ -447,11 +444,11 @@ class Display(QtCore.QObject):
 
     def take_races(self) -> None:
         """Process every waiting snapshot, so that no alert is missed, and show the newest."""
-        shown, changed = self.areas.seen.screen, False
+        shown, changed = self.seen.screen, False
         while self._waiting:
             race, at, two = self._waiting.popleft()
             self._latest.take_race(race, at, two)
-            self.areas.alerts.take_race(race, two)
+            self.alerts.take_race(race, two)
             if not changed and shown is not None and shown.danger is None:
                 before = _without_measurements(shown.snapshot, shown.heard)
                 changed = before != _without_measurements(race, self._latest.results)
@@ -462,7 +459,7 @@ class Display(QtCore.QObject):
 
     def take_event(self, stamped: StampedEvent) -> None:
         self._latest.take_event(stamped.event)
-        self.areas.events.add(stamped)
+        self.events.add(stamped)
 
     def take_results(self, results: Standings) -> None:
         self._latest.results = results
@@ -478,24 +475,26 @@ class Display(QtCore.QObject):
 
     # ----- what is shown ------------------------------------------------------------------
 
-    def look(self, now: float) -> None:
-        """Update what depends on the time, and sound the alarm if it is due."""
-        danger, shown = self._latest.danger(now), self.areas.seen.screen
+    def look(self) -> None:
+        """Show what has arrived or depends on the time, and sound the alarm if it is due."""
+        self.take_races()
+        now, shown = clock.now(), self.seen.screen
+        danger = self._latest.danger(now)
         is_due = self.unanswered or now - self._shown_at >= AGES
         if danger or is_due or shown is None or shown.danger:
             self.refresh()
-        self.areas.clock.look()
-        self.areas.alerts.look(now, danger is not None and self._latest.race is not None)
+        self.clock.look()
+        self.alerts.look(now, danger is not None and self._latest.race is not None)
 
     def refresh(self) -> None:
         """Show the newest snapshot, with all ages up to date."""
         now = clock.now()
         self._shown_at = now
-        shown, screen = self.areas.seen.screen, self._latest.screen(now, self.unanswered.ages(now))
+        shown, screen = self.seen.screen, self._latest.screen(now, self.unanswered.ages(now))
         if screen.danger_title != (shown.danger_title if shown is not None else ''):
-            self.areas.alerts.alarm.sound_soon()
-        self.areas.seen.change_to(screen, now)
-        self.areas.show_screen(screen)
+            self.alerts.alarm.sound_soon()
+        self.seen.change_to(screen, now)
+        self.show_screen(screen)
         self.chosen.show_roster(screen.teams)
         self._show_kill(screen, now)
         self.bottom.take_screen(screen, self._latest.heard_at)
@@ -513,9 +512,9 @@ class Display(QtCore.QObject):
         if stop is not None:
             age = clock.duration(now - stop.since)
             hint = Cell(f'SENT {stop.presses} times in {age}: no answer', Tone.BAD)
-        elif self.areas.isActiveWindow():
+        elif self.isActiveWindow():
             karts = texts.count(screen.rows) if screen.rows else 'karts'
             hint = Cell(f'all {karts} · SPACE BAR or F12')
         else:
             hint = Cell('KEYS OFF: click this window', Tone.BAD)
-        self.areas.kill.show_hint(hint, pressing=stop is not None)
+        self.kill.show_hint(hint, pressing=stop is not None)

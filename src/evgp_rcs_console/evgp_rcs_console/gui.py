@@ -96,7 +96,7 @@ def main(
     # The thread that handles keys and clicks announces the window, so that the announcements end
     # if it hangs.
     there = QtCore.QTimer(window)
-    there.timeout.connect(lambda: client.announce(signature.name, window.display.unheard))
+    there.timeout.connect(lambda: client.announce(signature.name, window.unheard))
     there.timeout.emit()
     there.start(round(1000 * PRESENCE_PERIOD))
     if on_window is not None:

@@ -43,12 +43,10 @@ Give = Callable[[Given], None]
 class CommandInput(QtCore.QObject):
     """Carries out what the official has pressed."""
 
-    def __init__(
-        self, give: Give, signature: Signature, display: Display, late: LateInput
-    ) -> None:
-        super().__init__(display.areas)
-        self.display, self.late = display, late
-        self._areas, self._bottom, self._chosen = display.areas, display.bottom, display.chosen
+    def __init__(self, give: Give, signature: Signature, window: Display, late: LateInput) -> None:
+        super().__init__(window)
+        self.window, self.late = window, late
+        self._bottom, self._chosen = window.bottom, window.chosen
         self._give, self._signature = give, signature
         self._all_kill_was_dropped = False
         self._last_sent: Given | None = None
@@ -70,11 +68,11 @@ class CommandInput(QtCore.QObject):
 
         If that stop is ALL KILL and its button is still held down, send ALL KILL again.
         """
-        self._areas.alerts.take_own(why)
-        self.display.refresh()
+        self.window.alerts.take_own(why)
+        self.window.refresh()
         if given.command is CommandKind.ALL_KILL:
             self._all_kill_was_dropped = True
-            if self._areas.kill.button.isDown():
+            if self.window.kill.button.isDown():
                 self.kill()
 
     def let_go(self, down: Button, button: Button) -> None:
@@ -95,14 +93,14 @@ class CommandInput(QtCore.QObject):
 
     def press(self, button: Button) -> None:
         """Send a button's command, ask for confirmation first, or show why it is not possible."""
-        areas = self._areas
+        window = self.window
         if not button.enabled:
             self._bottom.say_barred(button)
         elif button.command is CommandKind.SET_HEAT and not button.gives.heat:
-            areas.open_sheet(areas.heats, areas.heats.first)
+            window.open_sheet(window.heats, window.heats.first)
         elif button.asks:
-            areas.question.ask(button)
-            areas.open_sheet(areas.question, areas.question.no)
+            window.question.ask(button)
+            window.open_sheet(window.question, window.question.no)
         else:
             self._send(button)
         self._chosen.clear()
@@ -113,10 +111,10 @@ class CommandInput(QtCore.QObject):
 
         :param also: whether the official has confirmed the further commands as well.
         """
-        asked = self._areas.question.button
+        asked = self.window.question.button
         # Hidden first, so that a second press of the same key finds no question.
-        self._areas.question.close_sheet()
-        self._areas.setFocus()
+        self.window.question.close_sheet()
+        self.window.setFocus()
         self._chosen.clear()
         if yes and asked is not None:
             self._send(asked, also)
@@ -155,19 +153,19 @@ class CommandInput(QtCore.QObject):
         self._chosen.clear()
 
     def toggle_help(self) -> None:
-        self._areas.help.setVisible(not self._areas.help.isVisible())
-        self._areas.place_sheets()
+        self.window.help.setVisible(not self.window.help.isVisible())
+        self.window.place_sheets()
 
     def sign(self, name: str) -> None:
         self._signature.sign(name)
-        self._areas.officials.close_sheet()
-        self._areas.setFocus()
-        self._areas.foot.show_name(self._signature.name)
+        self.window.officials.close_sheet()
+        self.window.setFocus()
+        self.window.foot.show_name(self._signature.name)
         self._bottom.say(f'Your commands are now sent as: {self._signature.claim}')
 
     def toggle_events(self) -> None:
         """Switch between the events of the chosen kart and the events of all karts."""
-        if not self._areas.events.toggle(self._chosen.kart):
+        if not self.window.events.toggle(self._chosen.kart):
             how = "To see only one kart's events, first type its number or click its row."
             self._bottom.say(how, Tone.WAIT)
 
@@ -182,9 +180,9 @@ class CommandInput(QtCore.QObject):
         self._give(given)
         self._last_sent = given
         if not CATALOGUE[given.command].stop:  # the client keeps track of stops itself
-            self.display.unanswered.add(given)
+            self.window.unanswered.add(given)
         self._bottom.say(f'{texts.full_name(given)} sent')
-        self.display.refresh()
+        self.window.refresh()
 
 
 class LateInput:
@@ -195,8 +193,8 @@ class LateInput:
     :ivar waited: how long the last key or click had waited, in seconds.
     """
 
-    def __init__(self, period: float, display: Display) -> None:
-        self._chosen, self._bottom = display.chosen, display.bottom
+    def __init__(self, period: float, window: Display) -> None:
+        self._chosen, self._bottom = window.chosen, window.bottom
         self._clock, self._beat = InputClock(), Beat(period, clock.now())
         self._dropped: list[str] = []
         self.waited = 0.0
@@ -246,7 +244,7 @@ class Mouse:
 
     def __init__(self, presses: CommandInput) -> None:
         self._presses, self._late = presses, presses.late
-        self._areas, self._bottom = presses.display.areas, presses.display.bottom
+        self._window, self._bottom = presses.window, presses.window.bottom
         self._active_since: float | None = None
         self._brought_forward = False
         self._held: CommandButton | None = None
@@ -264,7 +262,7 @@ class Mouse:
         since = self._active_since
         self._brought_forward = True
         if since is None:
-            self._areas.activateWindow()
+            self._window.activateWindow()
         return since is None or clock.now() - since < FORWARD
 
     def take(self, event: QtGui.QMouseEvent) -> bool:
@@ -272,7 +270,7 @@ class Mouse:
         age = self._late.age(event)
         kind = event.type()
         point = event.globalPosition().toPoint()
-        target = self._areas.childAt(self._areas.mapFromGlobal(point))
+        target = self._window.childAt(self._window.mapFromGlobal(point))
         if kind == QtCore.QEvent.Type.MouseMove:
             self._point_at(target)
             return False
@@ -288,10 +286,10 @@ class Mouse:
                 why = 'the pointer had left the button. Click again.'
                 self._bottom.say_unsent(_called(held), why)
             return False
-        shown = self._areas.seen.seen(clock.now() - age)
+        shown = self._window.seen.seen(clock.now() - age)
         if shown is not None and self._presses.missed(target, shown.at(point)):
             return True
-        if self._areas.is_stop(target) or chooses(target):
+        if self._window.is_stop(target) or chooses(target):
             return False
         button = target if isinstance(target, QtWidgets.QAbstractButton) else None
         if age >= STALE:
@@ -301,7 +299,7 @@ class Mouse:
             why = 'the click only brought this window forward. Click again.'
             self._bottom.say_unsent(_called(button), why)
             return True
-        question = self._areas.question
+        question = self._window.question
         if target in (question.yes, question.also) and not question.settled:
             return True
         if double:
@@ -321,8 +319,8 @@ class Mouse:
 
     def _let_go(self, age: float) -> None:
         """Cancel the press of a button that was pressed in time but released too late."""
-        for button in self._areas.findChildren(QtWidgets.QAbstractButton):
-            if button.isDown() and not self._areas.is_stop(button):
+        for button in self._window.findChildren(QtWidgets.QAbstractButton):
+            if button.isDown() and not self._window.is_stop(button):
                 button.setDown(False)
                 self._late.drop(_called(button), age)
 
@@ -337,15 +335,14 @@ class Keyboard:
     """Turns keys into commands, choices of a kart, and answers to questions."""
 
     def __init__(self, presses: CommandInput) -> None:
-        display = presses.display
-        self._presses, self._late = presses, presses.late
-        self._areas, self._bottom, self._chosen = display.areas, display.bottom, display.chosen
+        self._presses, self._late, self._window = presses, presses.late, presses.window
+        self._bottom, self._chosen = presses.window.bottom, presses.window.chosen
         self._last: tuple[str, float] = '', 0.0  # the last key that means something, and when
         self._acts: dict[str, Callable[[float], object]] = {
             'F1': lambda _: presses.toggle_help(),
-            'F8': lambda _: self._areas.toggle_night(),
-            'F10': lambda _: self._areas.alerts.press(1),
-            'F11': lambda _: self._areas.alerts.toggle_sound(),
+            'F8': lambda _: self._window.toggle_night(),
+            'F10': lambda _: self._window.alerts.press(1),
+            'F11': lambda _: self._window.alerts.toggle_sound(),
             'Up': lambda _: self._chosen.choose_next(-1),
             'Down': lambda _: self._chosen.choose_next(1),
             'Return': self._press_focused,
@@ -363,7 +360,7 @@ class Keyboard:
             return True
         name = _name(event)
         stroke = keys.meaning(name)
-        asking = self._areas.question.isVisible()
+        asking = self._window.question.isVisible()
         if age >= STALE and not self._acts_late(stroke):
             # No message is needed for a key that means nothing here, such as Shift alone.
             named = stroke is not None or asking or name in MOVE_KEYS
@@ -399,21 +396,21 @@ class Keyboard:
             self._chosen.add(digit, at)
         else:
             self._chosen.erase(at)
-        if not self._areas.question.isVisible():
-            self._areas.heats.focus_on(self._chosen.digits)
+        if not self._window.question.isVisible():
+            self._window.heats.focus_on(self._chosen.digits)
 
     def _acts_late(self, stroke: Stroke | None) -> bool:
         """Return whether a key acts however late it is, because it stops or chooses a kart."""
         if stroke is None:
             return False
         if stroke.window == 'Return':
-            return self._areas.is_stop(QtWidgets.QApplication.focusWidget())
+            return self._window.is_stop(QtWidgets.QApplication.focusWidget())
         chooses_kart = stroke.window in ('Up', 'Down', 'Backspace', 'Esc')
         return stroke.stop or bool(stroke.digit) or chooses_kart
 
     def _answer(self, name: str, stroke: Stroke | None, at: float) -> bool:
         """Handle a key while a question is open; return True, as no widget may get the key."""
-        question = self._areas.question
+        question = self._window.question
         answers = {'N': question.no, 'Y': question.yes}
         if not question.also.isHidden():
             answers[question.also.key] = question.also
@@ -447,7 +444,7 @@ class Keyboard:
 
     def _press(self, stroke: Stroke, at: float) -> None:
         """Press a key's button. A command that has just changed is sent only if it is a stop."""
-        screen = self._areas.seen.screen
+        screen = self._window.seen.screen
         assert screen is not None
         kart = 0
         if stroke.to_chosen:
@@ -455,9 +452,9 @@ class Keyboard:
             if not kart:
                 self._bottom.say_unsent(CATALOGUE[stroke.commands[0]].label, why)
                 if stroke.stop:
-                    self._areas.alerts.alarm.sound()
+                    self._window.alerts.alarm.sound()
                 return
-        button, shown = _meant(screen, stroke, kart), self._areas.seen.seen(at)
+        button, shown = _meant(screen, stroke, kart), self._window.seen.seen(at)
         seen = button if shown is None else _meant(shown.screen, stroke, kart)
         if button is None:
             if stroke.finish is not None:
@@ -473,15 +470,15 @@ class Keyboard:
         if self._chosen.digits:
             self._chosen.clear()
         else:
-            self._areas.close_sheets()
-            self._areas.setFocus()
+            self._window.close_sheets()
+            self._window.setFocus()
 
     def _press_focused(self, at: float) -> None:
         """Press the focused button, unless its command has just changed."""
         focused = QtWidgets.QApplication.focusWidget()
         if not isinstance(focused, QtWidgets.QAbstractButton):
             return
-        shown = self._areas.seen.seen(at)
+        shown = self._window.seen.seen(at)
         if shown is None or not self._presses.missed(focused, shown.of(focused)):
             focused.click()
 

@@ -10,7 +10,7 @@ If the rows do not all fit, a line of tiles above them keeps all karts in sight.
 from __future__ import annotations
 
 from evgp_rcs.words import Cell, Tone
-from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
+from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.style import FILLS, GAP, LARGE, look, RADIUS, SMALL, TEXT
 from evgp_rcs_console.view import COLUMNS, KART_COMMANDS, MOST_BARS, Row, Screen
 from evgp_rcs_console.widgets import (
@@ -180,8 +180,6 @@ ANSWERED = {Tone.GOOD: '✓', Tone.WAIT: '…', Tone.BAD: '!'}
 class Tiles(QtWidgets.QWidget):
     """Shows a tile for each kart: its number, and a symbol for its state and for its answer."""
 
-    chosen = Signal(int)
-
     def __init__(self, table: KartTable) -> None:
         super().__init__()
         self.setObjectName('overview')
@@ -191,7 +189,7 @@ class Tiles(QtWidgets.QWidget):
         rows = self._table.rows
         if rows:
             place = int(event.position().x() / (self.width() / len(rows)))
-            self.chosen.emit(rows[min(place, len(rows) - 1)].number)
+            self.window().chosen.choose(rows[min(place, len(rows) - 1)].number)
 
     def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
         rows = self._table.rows
@@ -278,25 +276,16 @@ class KartList(Panel):
     The place of a row depends only on the size of the window and the number of karts.
     """
 
-    chosen = Signal(int)
-    """Emitted when the official clicks in the row of a kart. Carries the kart's number."""
-    wanted = Signal(int)
-    """Emitted when the official clicks on the tile of a kart, whose row may be out of sight."""
-    pointed = Signal(str)
-    """Emitted when the pointer enters a row. Carries the row's full text if any of the text is
-    cut off; otherwise an empty text."""
-
     def __init__(self) -> None:
         super().__init__()
         self.table = KartTable()
         self._delegate = KartDelegate(self.table)
         self._tiles = fixed(Tiles(self.table), height=TILES)
-        self._tiles.chosen.connect(self.wanted)
         self._tiles.hide()
         self.table.setItemDelegate(self._delegate)
-        self.table.pressed.connect(lambda index: self.chosen.emit(self.numbers[index.row()]))
-        self.table.entered.connect(lambda index: self.pointed.emit(self.whole(index.row())))
-        self.table.viewportEntered.connect(lambda: self.pointed.emit(''))
+        self.table.pressed.connect(self._choose)
+        self.table.entered.connect(lambda index: self._explain(self.whole(index.row())))
+        self.table.viewportEntered.connect(lambda: self._explain(''))
         lay(self, [self._tiles], [self.table], margins=(1, 1, 1, 1), heights=(0, 1))
 
     @property
@@ -309,6 +298,12 @@ class KartList(Panel):
         header, table = self.table.horizontalHeader(), self.table.geometry()
         first, last = (header.sectionViewportPosition(column) for column in (1, len(COLUMNS)))
         return table.adjusted(first, 0, last - look.px(GAP) - table.width(), 0)
+
+    def _choose(self, index: QtCore.QModelIndex) -> None:
+        self.window().chosen.choose_in_sight(self.numbers[index.row()])
+
+    def _explain(self, text: str) -> None:
+        self.window().bottom.point_at(text)
 
     def whole(self, place: int) -> str:
         """Return the full text of a row; empty if none of the text is cut off."""

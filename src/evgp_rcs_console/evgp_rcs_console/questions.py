@@ -10,7 +10,8 @@ The module is pure.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+import functools
 
 from evgp_node.results import Standings
 from evgp_protocol.states import RaceState
@@ -31,17 +32,15 @@ class Asked:
     """
     What an official confirms before a command is sent.
 
-    :param condition: what the official confirms.
-    :param consequences: sentences that say what the command would do to each kart on the roster.
-    :param warning: why an official should not confirm the command; empty if no reason is known.
-    :param caution: what else an official should know before confirming. If only this changes, the
-        question stays the same.
+    :param offered: the command's availability in this race.
+    :param kart: the kart that the command is for; None if it is not for a single kart.
     """
 
-    condition: str
-    consequences: tuple[str, ...]
-    warning: str
-    caution: str = field(compare=False)
+    command: Kind
+    race: Snapshot
+    offered: Availability
+    kart: KartSnapshot | None
+    results: Standings | None
 
     @property
     def sentences(self) -> list[str]:
@@ -49,34 +48,131 @@ class Asked:
         warning = [texts.ASK_WARNING.format(warning=self.warning)] if self.warning else []
         return [*warning, *self.consequences]
 
+    @property
+    def essence(self) -> list[str]:
+        """Return all sentences without the caution. If they change, it is another question."""
+        return [texts.ASK_STATE.format(condition=self.condition), *self.sentences]
+
     def differs_from(self, asked: Asked) -> str:
         """Return what has changed since the official was asked."""
-        now, before = (
-            [texts.ASK_STATE.format(condition=each.condition), *each.sentences]
-            for each in (self, asked)
-        )
+        now, before = self.essence, asked.essence
         new = [each for each in now if each not in before]
         return ' '.join(new or [f'No longer true: {each}' for each in before if each not in now])
 
+    @property
+    def condition(self) -> str:
+        """Return what an official confirms with YES."""
+        command, statement, kart = self.command, self.offered.statement, self.kart
+        if command is CommandKind.OPEN_TRACK and self.race.track.msr_used:
+            return f'{statement}; {texts.OPEN_BY_MSR}' if statement else texts.OPEN_BY_MSR
+        if statement:
+            return statement
+        if (confirmed := CATALOGUE[command].condition) and (kart or '{kart}' not in confirmed):
+            return confirmed.format(kart=kart)
+        return f'{CATALOGUE[command].label} is right'
 
-def question(
-    command: Kind,
-    race: Snapshot,
-    offered: Availability,
-    kart: KartSnapshot | None,
-    results: Standings | None,
-) -> Asked:
-    """
-    Return what to ask before a command.
+    @property
+    def warning(self) -> str:
+        """
+        Return why an official should not confirm the command; empty if no reason is known.
 
-    :param kart: the kart that the command is for; None if it is not for a single kart.
-    """
-    return Asked(
-        _condition(command, race, kart, offered.statement),
-        tuple(_consequences(command, effects(command, race, offered, kart), race, kart)),
-        _warning(command, race),
-        _caution(command, race, offered.karts, results),
-    )
+        A race under way is normal and causes no warning.
+        """
+        command, race, track = self.command, self.race, self.race.track
+        if command in (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK):
+            settled = track.settled_by is command  # the command itself removes the reason
+            barred = not (track.allowed or settled) and race.state not in texts.UNDER_WAY
+            why = track.reason if barred else texts.against_humans(race)
+            if why:
+                return f'humans must stay off the track now: {why}'
+            doubtful = texts.in_doubt(race)
+            if doubtful and command is not CommandKind.KART_IN_GARAGE:
+                return f'only the MSR can stop {doubtful}, so leave the MSR on'
+            if race.nobody_is_heard:
+                return f'no kart is connected; {texts.HUMANS_UNKNOWN_REASON}'
+        return ''
+
+    @property
+    def caution(self) -> str:
+        """Return what else an official should know. If it changes, the question stays the same."""
+        command, race, results = self.command, self.race, self.results
+        if command is CommandKind.GREEN_GREEN:
+            return f'{texts.can_stop(race)}.'
+        if command is not CommandKind.GRID_ACTIVE:
+            return ''
+        concerned = [kart for kart in race.karts if kart.number in self.offered.karts]
+        told, poor = [], numbered(kart for kart in concerned if kart.poor_lately)
+        if poor:
+            late = 'a stop may arrive late'
+            told.append(f'The link to {poor} has been poor in the last minute: {late}.')
+        run = results.races if results and race.state is not RaceState.GRID_ACTIVE else ()
+        for each in run:
+            if each.counts and each.heat == race.heat:
+                at = time_of_day(each.stamp)[:5]
+                again = 'This run will count instead'
+                told.append(f'{race.heat} has already been run, at {at}. {again}.')
+        return ' '.join(told)
+
+    @functools.cached_property
+    def effects(self) -> Effects:
+        command, race, kart = self.command, self.race, self.kart
+        sends = CATALOGUE[command].sends
+        if sends is None:
+            concerned: set[int] = set()
+        elif kart is not None:
+            concerned = {kart.number}
+        elif command is CommandKind.RECORD_MSR:
+            concerned = {each.number for each in race.karts}
+        else:
+            # A repeated GRID_ACTIVE is not sent again to the karts that already have it.
+            concerned = {
+                each.number
+                for each in race.karts
+                if each.number in self.offered.karts and each.sent is not sends
+            }
+        sent = [each for each in race.karts if each.number in concerned]
+        others = [each for each in race.karts if each.number not in concerned]
+        return Effects(
+            now=tuple(each for each in sent if each.connected),
+            later=tuple(each for each in sent if not each.connected),
+            held=tuple(each for each in others if each.hold is not None),
+            rest=tuple(each for each in others if each.hold is None),
+        )
+
+    @property
+    def consequences(self) -> list[str]:
+        """Return sentences that say what the command would do to each kart on the roster."""
+        command, race, kart = self.command, self.race, self.kart
+        entry, does = CATALOGUE[command], self.effects
+        said = [entry.note] if entry.note else []
+        if command is CommandKind.RECORD_MSR and race.banner:
+            said.append(f'{race.banner}: the instructor uses the MSR for you. Say "MSR" first.')
+        if entry.names_hold and kart is not None and kart.hold is not None:
+            said.append(f'Releases {_held(kart)}.')
+        if entry.sends is not None and (does.now or kart is None):
+            end = entry.then[len(does.now) > 1] if does.now else ''
+            sends = f'Sends {STATES[entry.sends]} now to {_kart_list(does.now)}.'
+            said.append(f'{sends} {end}'.rstrip())
+        if does.later:
+            when = 'when it connects' if len(does.later) == 1 else 'when they connect'
+            said.append(f'Sends {STATES[entry.sends]} to {numbered(does.later)} {when}.')
+        if kart is not None:
+            if entry.names_hold and kart.in_race and race.state is not RaceState.IN_GARAGE:
+                said.append('Takes the kart out of the race.')
+            if entry.names_hold and (why := texts.under_way(race)):
+                said.append(f'Humans must stay off the track: {why}.')
+            return said
+        if does.held:
+            stays = 'Stays' if len(does.held) == 1 else 'Stay'
+            few = does.held if len(does.held) <= FEW else ()
+            who = '; '.join(map(_held, few)) or numbered(does.held)
+            said.append(f'{stays} held: {who}.')
+        if does.rest and entry.sends is not None:
+            stays = 'Stays as it is' if len(does.rest) == 1 else 'Stay as they are'
+            said.append(f'{stays}: {numbered(does.rest)}.')
+        if command is CommandKind.GRID_ACTIVE and any(each.place for each in race.karts):
+            said.append('Clears the places of the last race.')
+        return said
 
 
 @dataclass(frozen=True)
@@ -90,140 +186,16 @@ class Effects:
     :param rest: the other karts to which the command sends nothing.
     """
 
-    now: tuple[KartSnapshot, ...] = ()
-    later: tuple[KartSnapshot, ...] = ()
-    held: tuple[KartSnapshot, ...] = ()
-    rest: tuple[KartSnapshot, ...] = ()
-
-
-def effects(
-    command: Kind, race: Snapshot, offered: Availability, kart: KartSnapshot | None
-) -> Effects:
-    sends = CATALOGUE[command].sends
-    if sends is None:
-        concerned: set[int] = set()
-    elif kart is not None:
-        concerned = {kart.number}
-    elif command is CommandKind.RECORD_MSR:
-        concerned = {each.number for each in race.karts}
-    else:
-        # A repeated GRID_ACTIVE is not sent again to the karts that already have it.
-        concerned = {
-            each.number
-            for each in race.karts
-            if each.number in offered.karts and each.sent is not sends
-        }
-
-    sent = [each for each in race.karts if each.number in concerned]
-    others = [each for each in race.karts if each.number not in concerned]
-    return Effects(
-        now=tuple(each for each in sent if each.connected),
-        later=tuple(each for each in sent if not each.connected),
-        held=tuple(each for each in others if each.hold is not None),
-        rest=tuple(each for each in others if each.hold is None),
-    )
-
-
-def _condition(command: Kind, race: Snapshot, kart: KartSnapshot | None, statement: str) -> str:
-    """
-    Return what an official confirms with YES.
-
-    :param statement: what race control asks the official to state; empty if it asks for nothing.
-    """
-    if command is CommandKind.OPEN_TRACK and race.track.msr_used:
-        return f'{statement}; {texts.OPEN_BY_MSR}' if statement else texts.OPEN_BY_MSR
-    if statement:
-        return statement
-    if (confirmed := CATALOGUE[command].condition) and (kart or '{kart}' not in confirmed):
-        return confirmed.format(kart=kart)
-    return f'{CATALOGUE[command].label} is right'
-
-
-def _warning(command: Kind, race: Snapshot) -> str:
-    """
-    Return why an official should not confirm a command; empty if no reason is known.
-
-    A race under way is normal and causes no warning.
-    """
-    track = race.track
-    if command in (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK):
-        settled = track.settled_by is command  # the command itself removes the reason
-        barred = not (track.allowed or settled) and race.state not in texts.UNDER_WAY
-        why = track.reason if barred else texts.against_humans(race)
-        if why:
-            return f'humans must stay off the track now: {why}'
-        doubtful = texts.in_doubt(race)
-        if doubtful and command is not CommandKind.KART_IN_GARAGE:
-            return f'only the MSR can stop {doubtful}, so leave the MSR on'
-        if race.nobody_is_heard:
-            return f'no kart is connected; {texts.HUMANS_UNKNOWN_REASON}'
-    return ''
-
-
-def _caution(
-    command: Kind, race: Snapshot, karts: Sequence[int], results: Standings | None
-) -> str:
-    """
-    Return what an official should know before a command that is still allowed.
-
-    :param karts: the karts that the command would start or release.
-    """
-    if command is CommandKind.GREEN_GREEN:
-        return f'{texts.can_stop(race)}.'
-    if command is not CommandKind.GRID_ACTIVE:
-        return ''
-    poor = [kart for kart in race.karts if kart.number in karts and kart.poor_lately]
-    late = (
-        f'The link to {numbered(poor)} has been poor in the last minute: a stop may arrive late.'
-    )
-    told = [late] if poor else []
-    run = results.races if results and race.state is not RaceState.GRID_ACTIVE else ()
-    times = [time_of_day(each.stamp)[:5] for each in run if each.counts and each.heat == race.heat]
-    told += [
-        f'{race.heat} has already been run, at {at}. This run will count instead.' for at in times
-    ]
-    return ' '.join(told)
+    now: tuple[KartSnapshot, ...]
+    later: tuple[KartSnapshot, ...]
+    held: tuple[KartSnapshot, ...]
+    rest: tuple[KartSnapshot, ...]
 
 
 def _kart_list(karts: tuple[KartSnapshot, ...]) -> str:
     if len(karts) > 1:
         return f'{len(karts)} karts: {", ".join(str(kart.number) for kart in karts)}'
     return numbered(karts) or 'no kart'
-
-
-def _consequences(
-    command: Kind, does: Effects, race: Snapshot, kart: KartSnapshot | None
-) -> list[str]:
-    """Return, in sentences, what a command would do."""
-    entry = CATALOGUE[command]
-    said = [entry.note] if entry.note else []
-    if command is CommandKind.RECORD_MSR and race.banner:
-        said.append(f'{race.banner}: the instructor uses the MSR for you. Say "MSR" first.')
-    if entry.names_hold and kart is not None and kart.hold is not None:
-        said.append(f'Releases {_held(kart)}.')
-    if entry.sends is not None and (does.now or kart is None):
-        end = entry.then[len(does.now) > 1] if does.now else ''
-        said.append(f'Sends {STATES[entry.sends]} now to {_kart_list(does.now)}. {end}'.rstrip())
-    if does.later:
-        when = 'when it connects' if len(does.later) == 1 else 'when they connect'
-        said.append(f'Sends {STATES[entry.sends]} to {numbered(does.later)} {when}.')
-    if kart is not None:
-        if entry.names_hold and kart.in_race and race.state is not RaceState.IN_GARAGE:
-            said.append('Takes the kart out of the race.')
-        if entry.names_hold and (why := texts.under_way(race)):
-            said.append(f'Humans must stay off the track: {why}.')
-        return said
-    if does.held:
-        stays = 'Stays' if len(does.held) == 1 else 'Stay'
-        few = does.held if len(does.held) <= FEW else ()
-        who = '; '.join(map(_held, few)) or numbered(does.held)
-        said.append(f'{stays} held: {who}.')
-    if does.rest and entry.sends is not None:
-        stays = 'Stays as it is' if len(does.rest) == 1 else 'Stay as they are'
-        said.append(f'{stays}: {numbered(does.rest)}.')
-    if command is CommandKind.GRID_ACTIVE and any(each.place for each in race.karts):
-        said.append('Clears the places of the last race.')
-    return said
 
 
 def _held(kart: KartSnapshot) -> str:

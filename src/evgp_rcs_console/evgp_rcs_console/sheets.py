@@ -20,7 +20,7 @@ from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.freshness import SEEN
 from evgp_rcs_console.keys import key_help
-from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
+from evgp_rcs_console.qt import QtCore, QtWidgets
 from evgp_rcs_console.questions import also, Asked
 from evgp_rcs_console.view import Button, Screen
 from evgp_rcs_console.widgets import (
@@ -86,10 +86,6 @@ class Sheet(Panel):
 class Question(Sheet):
     """Asks the official to confirm a command, for example one that loosens the race."""
 
-    answered = Signal(bool, bool)
-    """Emitted when the official clicks on an answer. Carries whether the answer is YES, and
-    whether it also confirms the further commands."""
-
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'question')
         self.button: Button | None = None
@@ -104,9 +100,9 @@ class Question(Sheet):
         )
         self.yes, self.no = Push('yes', tall=True), Push('no', 'NO', 'N')
         self.also = Push('yes_and_more', tall=True)
-        self.no.clicked.connect(lambda: self.answered.emit(False, False))
-        self.yes.clicked.connect(lambda: self.answered.emit(True, False))
-        self.also.clicked.connect(lambda: self.answered.emit(True, True))
+        self.no.clicked.connect(lambda: self.window().presses.answer(False))
+        self.yes.clicked.connect(lambda: self.window().presses.answer(True))
+        self.also.clicked.connect(lambda: self.window().presses.answer(True, also=True))
         for text in self._texts:
             self.add(text)
         answers = QtWidgets.QWidget()
@@ -132,8 +128,8 @@ class Question(Sheet):
         # At first, YES ignores clicks: one may be the second click of a double click.
         self._settling.start(round(SEEN * 1000))
         self.title.show_text(f'{button.name}?')
-        condition = button.question().condition
-        self._ask(button.question())
+        condition = button.question.condition
+        self._ask(button.question)
         self.yes.show_words('YES', 'Y', condition[:1].upper() + condition[1:])
         self.also.setVisible(bool(button.also))
         if button.also:
@@ -142,32 +138,28 @@ class Question(Sheet):
         self._bar_yes()
 
     def show_screen(self, screen: Screen) -> None:
-        """Compare an open question with the command that a screen offers now."""
-        if self.button is not None and self.isVisible():
-            self.update_button(screen.button(self.button.command, self.button.kart))
-
-    def update_button(self, button: Button | None) -> None:
         """
-        Compare the question with the command that race control offers now.
+        Compare an open question with the command that race control offers now.
 
         Once the two differ, the question shows only that, and YES stays disabled, even if the
         difference goes away. A question about a stop is brought up to date instead.
-
-        :param button: the command now; None if race control no longer offers this command.
         """
-        assert self.button is not None
-        if CATALOGUE[self.button.command].stop:
+        asked = self.button
+        if asked is None or not self.isVisible():
+            return
+        button = screen.button(asked.command, asked.kart)
+        if asked.is_stop:
             if button is not None:
-                self._ask(button.question())
+                self._ask(button.question)
         elif self.yes.isEnabled() and (
-            button is None or button.reason or not button.asks_the_same(self.button)
+            button is None or button.reason or not button.asks_the_same(asked)
         ):
             if button is None:
                 what = 'The command is no longer offered.'
             elif button.reason:
                 what = f'{button.reason[:1].upper()}{button.reason[1:]}.'
             else:
-                what = button.question().differs_from(self.button.question())
+                what = button.question.differs_from(asked.question)
             at = time_of_day(time.time())
             self._show('', f'Changed at {at}: {what} Press NO and start again.')
             for yes in (self.yes, self.also):
@@ -257,9 +249,6 @@ class Heats(Choice):
 class Officials(Choice):
     """Lists the event's officials, for a click on the one who commands from this window."""
 
-    signed = Signal(str)
-    """Emitted when an official has chosen a name, which the signal carries."""
-
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         about = (
             'Your name is sent with every command from this window and written to the record. If '
@@ -274,7 +263,7 @@ class Officials(Choice):
             return
         self._offer([Push(f'official_{place}', name) for place, name in enumerate(names, 1)])
         for each in self._offered:
-            each.clicked.connect(functools.partial(self.signed.emit, each.words))
+            each.clicked.connect(functools.partial(self.window().presses.sign, each.words))
 
 
 class Help(Sheet):

@@ -117,6 +117,8 @@ NO_TIMING_REASON = (
     "no timing, so the lap is unknown. For FINISH, type the kart's number, then press Ctrl+E"
 )
 
+PASSINGS = 'Passings: time since GREEN GREEN, kart, source, session and number, outcome'
+RACES = 'Races: number, time the grid formed, heat, classified karts'
 RESULT_HEADINGS = ('', 'Kart', 'Team', 'Laps', 'Total', 'Last', 'Best', 'Status, penalties')
 
 NAME_IS = 'Name: {name}'

@@ -11,7 +11,7 @@ uses neither Qt nor ROS, so both the window and the terminal client can use it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import functools
 import string
@@ -43,7 +43,7 @@ from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
 from evgp_rcs_console.commands import Given, shows_result
 from evgp_rcs_console.notices import Notice
-from evgp_rcs_console.questions import Asked, question
+from evgp_rcs_console.questions import Asked
 
 NEXT: dict[RaceState | None, tuple[CommandKind, ...]] = {
     RaceState.IN_GARAGE: (CommandKind.GRID_ACTIVE,),
@@ -106,7 +106,7 @@ class Button:
         the wording of the statement.
     :param enabled: whether a press has an effect other than showing the reason.
     :param reason: why the button is not enabled; empty if the button is enabled.
-    :param question: returns what the official confirms.
+    :param question: what the official confirms.
     :param also: the further commands that the button ``YES, and also`` confirms.
     :param phrase: a few words shown with the label. For a command to the race, they say when its
         result took effect, what the command would do, or what the command is waiting for.
@@ -120,7 +120,7 @@ class Button:
     label: str
     enabled: bool
     reason: str
-    question: Callable[[], Asked] = field(compare=False)
+    question: Asked = field(compare=False)
     also: tuple[Given, ...] = ()
     key: str = ''
     phrase: str = ''
@@ -131,7 +131,7 @@ class Button:
     def asks_the_same(self, other: Button) -> bool:
         """Return whether both buttons would do the same thing, so one confirmation covers both."""
         is_same = (self.gives, self.also) == (other.gives, other.also)
-        return is_same and self.question() == other.question()
+        return is_same and self.question.essence == other.question.essence
 
     @property
     def command(self) -> Kind:
@@ -599,9 +599,7 @@ class Screen:
             label=entry.label,
             enabled=entry.stop or (offered.available and not reason),
             reason=reason,
-            question=functools.partial(
-                question, command, self.snapshot, offered, kart, self.results
-            ),
+            question=Asked(command, self.snapshot, offered, kart, self.results),
             also=self._also(offered) if command is CommandKind.IN_GARAGE else (),
             key=key,
             recedes=command is CommandKind.KART_IN_GARAGE and self.needs_msr(kart),

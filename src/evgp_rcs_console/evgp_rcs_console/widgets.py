@@ -221,7 +221,7 @@ class Text(QtWidgets.QLabel):
         self.setText(cell.text)
         is_filled = self._fills and cell.tone in (Tone.WAIT, Tone.BAD, Tone.BANNER)
         ground = cell.tone.value if is_filled else ''
-        mark(self, tone='stale' if stale else cell.tone.value, ground=ground)
+        mark(self, tone=(Tone.FAINT if stale else cell.tone).value, ground=ground)
 
     def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
         QtWidgets.QFrame.paintEvent(self, event)
@@ -291,7 +291,7 @@ class CommandButton(Push):
     tap it to see the reason. With a keyboard or a touch screen, nobody can hover over a button.
 
     An instant stop acts when the button goes down. Any other command acts when the button is
-    released. Either way, the window (``Areas.commanded``) learns of it.
+    released. Either way, the window's ``presses`` learn of it.
     """
 
     def __init__(self, tall: bool = False, kind: str = '') -> None:
@@ -336,9 +336,9 @@ class CommandButton(Push):
     def _go_down(self) -> None:
         self._down = self.button
         if self.button is not None and self.button.is_instant:
-            self.window().commanded.emit(self.button, self.button)
+            self.window().presses.let_go(self.button, self.button)
 
     def _let_go(self) -> None:
         down, self._down = self._down, None
         if down is not None and self.button is not None and not down.is_instant:
-            self.window().commanded.emit(down, self.button)
+            self.window().presses.let_go(down, self.button)

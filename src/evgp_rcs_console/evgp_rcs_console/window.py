@@ -11,9 +11,8 @@ which Qt queues. Commands go out through ``give``, which returns at once.
 from __future__ import annotations
 
 from evgp_protocol import clock
-from evgp_rcs.words import Tone
 from evgp_rcs_console import settings, texts
-from evgp_rcs_console.display import Areas, Display, Inbox
+from evgp_rcs_console.display import Display, Inbox
 from evgp_rcs_console.input import CommandInput, Give, Keyboard, LateInput, Mouse
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import Signature
@@ -23,41 +22,30 @@ LOOK = 100
 """Time between two updates of everything that changes with time, in milliseconds."""
 
 
-class ConsoleWindow(Areas):
+class ConsoleWindow(Display):
     """The window of one official."""
 
     def __init__(self, inbox: Inbox, give: Give, signature: Signature, looking: str) -> None:
-        super().__init__(inbox.names)
+        super().__init__(looking, inbox)
         self.setWindowTitle(texts.TITLE)
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         look.palette = NIGHT if settings.kept(settings.NIGHT) else DAY
-        self.display = display = Display(self, looking, inbox)
-        self._late = LateInput(LOOK / 1000, display)
-        presses = CommandInput(give, signature, display, self._late)
+        self._late = LateInput(LOOK / 1000, self)
+        self.presses = presses = CommandInput(give, signature, self, self._late)
         self._mouse, self._keyboard = Mouse(presses), Keyboard(presses)
-        chosen, bottom = display.chosen, display.bottom
-
-        self.commanded.connect(presses.let_go)
         # It acts on the press, so that a press also counts if the pointer then slips off.
         self.kill.button.pressed.connect(presses.kill)
-        self.question.answered.connect(presses.answer)
         self.events.filter.clicked.connect(presses.toggle_events)
         self.foot.official.clicked.connect(
             lambda: self.open_sheet(self.officials, self.officials.first)
         )
-        self.officials.signed.connect(presses.sign)
-        self.karts.chosen.connect(chosen.choose_in_sight)
-        self.karts.wanted.connect(chosen.choose)
-        self.karts.pointed.connect(bottom.point_at)
-        changed = 'The alerts have just changed. Check them, then press SEEN again.'
-        self.alerts.changed.connect(lambda: bottom.say(changed, Tone.WAIT))
         # The signals come from other threads, so they are always queued.
         queued = QtCore.Qt.ConnectionType.QueuedConnection
-        inbox.came.connect(display.take_races, queued)
-        inbox.event.connect(display.take_event, queued)
-        inbox.results.connect(display.take_results, queued)
-        inbox.answer.connect(display.take_answer, queued)
-        inbox.pressing.connect(display.take_pressing, queued)
+        inbox.came.connect(self.take_races, queued)
+        inbox.event.connect(self.take_event, queued)
+        inbox.results.connect(self.take_results, queued)
+        inbox.answer.connect(self.take_answer, queued)
+        inbox.pressing.connect(self.take_pressing, queued)
         inbox.dropped.connect(presses.take_dropped, queued)
         inbox.battery.connect(self.foot.show_battery, queued)
         self._timer = QtCore.QTimer(self)
@@ -67,24 +55,21 @@ class ConsoleWindow(Areas):
         self.windowHandle().installEventFilter(self)
         application = QtWidgets.QApplication.instance()
         assert isinstance(application, QtWidgets.QApplication)
-        application.focusChanged.connect(bottom.move)
+        application.focusChanged.connect(self.bottom.move)
         self.foot.show_name(signature.name)
         self.fit()
         self.setFocus()
         self.look()
 
     def look(self) -> None:
-        """Show what has arrived, and what has changed because time has passed."""
-        self.display.take_races()
-        now = clock.now()
-        self.display.look(now)
-        self._late.beat(now)
+        super().look()
+        self._late.beat(clock.now())
 
     def changeEvent(self, event: QtCore.QEvent) -> None:  # noqa: N802 - Qt's name
         super().changeEvent(event)
         if event.type() == QtCore.QEvent.Type.ActivationChange and hasattr(self, '_mouse'):
             self._mouse.take_activation(self.isActiveWindow())
-            self.display.refresh()
+            self.refresh()
 
     def eventFilter(  # noqa: N802 - Qt's name
         self, watched: QtCore.QObject, event: QtCore.QEvent

@@ -204,8 +204,8 @@ def the_ordinary_way_out_of_the_grid_has_no_warning(race: Snapshot, _: Screen) -
     button = Screen(quiet, 0.0, {}).button(CommandKind.IN_GARAGE)
 
     assert button is not None
-    assert button.question().condition
-    assert not button.question().warning
+    assert button.question.condition
+    assert not button.question.warning
 
 
 def a_question_that_lets_humans_near_warns_of_what_the_screen_says(
@@ -217,7 +217,7 @@ def a_question_that_lets_humans_near_warns_of_what_the_screen_says(
         button = screen.button(command)
         assert button is not None
         if screen.humans.tone is Tone.BAD or by_msr:
-            assert button.question().warning
+            assert button.question.warning
 
 
 def a_kart_that_may_be_moving_is_not_shown_as_stopped(race: Snapshot, screen: Screen) -> None:

@@ -37,7 +37,7 @@ from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import Cell, GONE_AFTER, STATE_CELLS, STATES, tally, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import request
-from evgp_rcs_console.questions import question
+from evgp_rcs_console.questions import Asked
 from evgp_rcs_console.results import races
 from evgp_rcs_console.view import (
     BARS,
@@ -141,9 +141,9 @@ def test_a_statement_is_sent_only_if_race_control_asked_for_it_in_its_words(
     asked = button_of(command, OFFERED._replace(statement='something is so'))
     not_asked = button_of(command, OFFERED)
 
-    assert 'something is so' in asked.question().condition
+    assert 'something is so' in asked.question.condition
     assert request(asked.gives, 0.0)[field] is True
-    assert not_asked.question().condition
+    assert not_asked.question.condition
     assert request(not_asked.gives, 0.0)[field] is False
 
 
@@ -164,7 +164,7 @@ def test_a_question_speaks_of_one_kart_and_of_several_and_says_who_stays_held_an
     seven = offers(*(Availability(each, True, karts=(7,)) for each in RACE_COMMANDS))
 
     def said(screen: Screen, command: CommandKind, kart: int = 0) -> tuple[str, ...]:
-        return button_on(screen, command, kart).question().consequences
+        return button_on(screen, command, kart).question.consequences
 
     screen = screen_of(commands=seven, karts=(held, KART))
     assert said(screen, CommandKind.GREEN_GREEN)[0] == (
@@ -205,7 +205,7 @@ def test_no_question_warns_of_what_it_settles_by_itself(
     doubtful = replace(KART, sent=RED_RED, may_be_moving=True)
     for karts in ((KART,), (doubtful,)):
         race = replace(RACE, state=RED_RED, track=track, karts=karts)
-        asked = question(command, race, Availability(command, True), None, None)
+        asked = Asked(command, race, Availability(command, True), None, None)
         assert bool(asked.warning) is (warned or karts == (doubtful,))
 
 
@@ -216,7 +216,7 @@ def test_to_open_the_track_under_the_msr_the_official_states_that_every_kart_sta
     offered = offers(Availability(CommandKind.OPEN_TRACK, True, statement=statement))
     for msr_used in (True, False):
         track = replace(RACE.track, allowed=True, msr_used=msr_used)
-        condition = screen_of(track=track, commands=offered).track_button.question().condition
+        condition = screen_of(track=track, commands=offered).track_button.question.condition
         assert statement in condition
         assert ('every kart is standing still' in condition) is msr_used
 
@@ -235,13 +235,13 @@ def test_who_can_stop_the_race_is_told_to_whoever_starts_it_and_makes_no_other_q
     before = button_on(screen_of(), CommandKind.GREEN_GREEN)
 
     for said in (
-        green.question().caution,
+        green.question.caution,
         texts.can_stop(screen.snapshot),
         '\n'.join(table(screen)),
     ):
         assert '2 officials can stop the race' in said
         assert 'Anna (window), button' in said
-    assert '0' not in before.question().caution
+    assert '0' not in before.question.caution
     assert green.asks_the_same(before)
 
 
@@ -256,9 +256,9 @@ def test_grid_active_asks_whether_a_heat_is_to_be_run_again_and_stays_the_same_q
     again, first = asking(ran, practised), asking(practised)
     clock = time_of_day(ran.stamp)[:5]
     said = f'Heat 1 has already been run, at {clock}. This run will count instead.'
-    assert again.question().caution == said
-    assert not first.question().caution
-    assert not asking(ran._replace(counts=False)).question().caution
+    assert again.question.caution == said
+    assert not first.question.caution
+    assert not asking(ran._replace(counts=False)).question.caution
     assert again.asks_the_same(first)
 
 

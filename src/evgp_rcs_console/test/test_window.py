@@ -219,7 +219,7 @@ class Console:
     def close(self) -> None:
         self.window.close()
         self.window.deleteLater()
-        self.application.focusChanged.disconnect(self.window.display.bottom.move)
+        self.application.focusChanged.disconnect(self.window.bottom.move)
         self.settle()
 
 
@@ -618,7 +618,7 @@ def test_a_number_of_no_heat_puts_no_other_heat_into_the_race(console: Console) 
 
         assert not console.sent
         assert not console.find('heats').isVisible()
-        console.window.display.chosen.clear()
+        console.window.chosen.clear()
     console.press('F2')
     console.click('set_heat')
     console.find('no').setFocus()
@@ -788,7 +788,7 @@ def test_a_press_just_before_or_after_the_rows_moved_goes_to_no_other_kart(
         (False, True), ((False, moved), (True, moved), (False, gone))
     ):
         console.look()
-        console.window.display.bottom.say('')
+        console.window.bottom.say('')
         point = console.place('kart_red_red_8' if stop else 'kart_finish_8')
         if held:
             console.click_at(point, 'mousePress')
@@ -1087,7 +1087,7 @@ def test_a_key_or_a_click_that_was_too_old_is_named_if_it_means_anything(
     console.press('N')
     monkeypatch.setattr(LateInput, 'age', lambda self, event: STALE)
     for key, told in ((keys.Key_F2, True), (keys.Key_Tab, True), (keys.Key_Shift, False)):
-        console.window.display.bottom.say('')
+        console.window.bottom.say('')
         QtTest.QTest.keyClick(console.window.windowHandle(), key)
         console.settle()
 
@@ -1184,7 +1184,7 @@ def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_mor
         for part in ('consequence', 'statement'):
             assert not console.find(f'question_{part}').isVisible()
         for key in ('Y', 'F2'):
-            console.window.display.bottom.say('')
+            console.window.bottom.say('')
             console.press(key)
             assert not console.commands
             assert texts.ANSWER_NO in console.text('status')
@@ -1286,7 +1286,7 @@ def test_a_command_that_is_not_possible_says_why_when_pointed_at_focused_and_pre
         lambda: console.press('F3'),
     ):
         console.window.setFocus()
-        console.window.display.bottom.say('')
+        console.window.bottom.say('')
         act()
         console.settle()
         assert f'GREEN GREEN: {WHY}' in console.text('status')
