@@ -164,7 +164,7 @@ def test_a_question_speaks_of_one_kart_and_of_several_and_says_who_stays_held_an
     seven = offers(*(Availability(each, True, karts=(7,)) for each in RACE_COMMANDS))
 
     def said(screen: Screen, command: CommandKind, kart: int = 0) -> tuple[str, ...]:
-        return button_on(screen, command, kart).question.consequences
+        return (*button_on(screen, command, kart).question.consequences,)
 
     screen = screen_of(commands=seven, karts=(held, KART))
     assert said(screen, CommandKind.GREEN_GREEN)[0] == (
