@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Container, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, InitVar
 import functools
 import gc
 import itertools
@@ -112,7 +112,6 @@ PROPERTIES = {
     'membership-loosens': 'S: joining, leaving and heats never change what a red kart is sent',
     'uninspected': 'where an inspection is required, no kart without one joins or starts',
     'heat': 'the heat put in last is in the race, until a kart of another one is, or none at all',
-    'heat-halved': 'a heat is put into the race whole, and nothing else is changed by it',
     'results': 'the order of FINISH is told once, when the race is over or goes to IN_GARAGE',
     'ack-old': 'S: only the present state under the present serial is an acknowledgement',
     'ack-from-nothing': 'S: nothing but the kart itself sets its acknowledgement',
@@ -172,24 +171,24 @@ class RuleBrokenError(AssertionError):
 
 
 class KartView(NamedTuple):
-    """What the oracle sees of one kart."""
+    """What the oracle sees of one kart: attributes of the rules' kart, and ``barred``."""
 
     number: int
     in_race: bool
     connected: bool
     hold: RaceState | None
     sent: RaceState
-    since: float
+    sent_since: float
     serial: int
-    acked: bool
+    acknowledged: bool
     doubt: int
     place: int
-    finish_at: float | None
-    settles: float | None
-    alone: bool
+    finish_due: float | None
+    settles_at: float | None
+    held_alone: bool
     contested: bool
-    silent: float | None
-    lost: float | None
+    went_silent_at: float | None
+    lost_since: float | None
     barred: bool
 
     @property
@@ -217,7 +216,7 @@ class ThereView(NamedTuple):
 
 
 class View(NamedTuple):
-    """What the oracle sees of the race."""
+    """What the oracle sees of the race: the first fields are attributes of the rules' race."""
 
     state: RaceState
     track_open: bool
@@ -225,15 +224,15 @@ class View(NamedTuple):
     over: bool
     past_unknown: bool
     unstated: bool
-    rival: bool
-    cut: bool
-    trouble: bool
+    has_rival: bool
     heats: tuple[Any, ...]
     starters: tuple[int, ...]
-    paused: float
+    paused_until: float
+    opening: int
+    cut: bool
+    trouble: bool
     start: StartView | None
     there: ThereView
-    opening: int
     karts: tuple[KartView, ...]
 
 
@@ -327,36 +326,10 @@ class Judgement(NamedTuple):
     karts: tuple[int, ...] = ()
 
 
-_KART = operator.attrgetter(
-    'number',
-    'in_race',
-    'connected',
-    'hold',
-    'sent',
-    'sent_since',
-    'serial',
-    'acknowledged',
-    'doubt',
-    'place',
-    'finish_due',
-    'settles_at',
-    'held_alone',
-    'contested',
-    'went_silent_at',
-    'lost_since',
-    'inspected',
-)
+_KART = operator.attrgetter(*KartView._fields[:-1], 'inspected')
 # As KartView._make, in half the time.
 _kart_view: Callable[[Iterable[Any]], KartView] = functools.partial(tuple.__new__, KartView)
-_RACE = operator.attrgetter(
-    'state',
-    'track_open',
-    'msr_used',
-    'over',
-    'past_unknown',
-    'unstated',
-    'has_rival',
-)
+_RACE = operator.attrgetter(*View._fields[:11])
 
 
 def look(race: Any) -> View:
@@ -369,21 +342,14 @@ def look(race: Any) -> View:
         ]
     )
     start = race.start
-    if start is not None:
-        start = StartView(start.command.karts, start.came, start.until)
-    there = race.there
-    there = ThereView(there.able > 0, bool(there.button_fault))
-    around = (
+    return View(
+        *_RACE(race),
         bool(race.cut_off_by),
         bool(race.record_fails),
-        race.heats,
-        race.starters,
-        race.paused_until,
-        start,
-        there,
-        race.opening,
+        start and StartView(start.command.karts, start.came, start.until),
+        ThereView(race.there.able > 0, bool(race.there.button_fault)),
+        karts,
     )
-    return View(*_RACE(race), *around, karts)
 
 
 def remember(view: View) -> Facts:
@@ -443,22 +409,22 @@ def _is_safe(kart: KartView) -> bool:
 
 def _stands(kart: KartView) -> bool:
     """Return whether it has stood by its word on a red for long enough."""
-    return kart.acked and _red(kart) and not kart.doubt and kart.settles is None
+    return kart.acknowledged and _red(kart) and not kart.doubt and kart.settles_at is None
 
 
 def _is_away(kart: KartView) -> bool:
     """Return whether it is away, was not lost, and nothing but a stop of all can hold it."""
-    return not (kart.connected or kart.doubt or kart.alone) and kart.lost is None
+    return not (kart.connected or kart.doubt or kart.held_alone) and kart.lost_since is None
 
 
 def _is_covered(view: View, kart: KartView) -> bool:
     """Return whether IN_GARAGE's statement covers a kart that nobody has seen move."""
-    return view.past_unknown and not (kart.doubt or kart.alone)
+    return view.past_unknown and not (kart.doubt or kart.held_alone)
 
 
 def _is_unanswered(view: View, kart: KartView) -> bool:
     """Return whether a stop by an official makes a kart doubtful that is covered without it."""
-    answers = kart.acked and _red(kart)
+    answers = kart.acknowledged and _red(kart)
     return kart.connected and not answers and _is_covered(view, kart)
 
 
@@ -491,7 +457,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     """Return what the table of docs/rules.md says of a command now."""
     if kind in STOPS:
         return Judgement(True, kind == 'RECORD_MSR')
-    if (view.rival or view.cut) and kind in LOOSENING:
+    if (view.has_rival or view.cut) and kind in LOOSENING:
         return Judgement(False)
     racing = [kart for kart in view.karts if kart.in_race]
     numbers = tuple(kart.number for kart in racing)
@@ -505,7 +471,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
         missing = tuple(
             kart.number
             for kart, memory in zip(view.karts, facts.karts, strict=True)
-            if kart.in_race and not (kart.connected and memory.ready and kart.acked)
+            if kart.in_race and not (kart.connected and memory.ready and kart.acknowledged)
         )
         missing = _unfit(view) or missing
         in_time = state is GRID_ACTIVE and facts.grid_last and bool(racing)
@@ -589,7 +555,7 @@ def as_seen(view: View, given: Input) -> Input:
 
 def is_paused(view: View, kind: str, came: float) -> bool:
     """Return whether a command that came then may have been sent before a stop was seen."""
-    return kind in LOOSENING and came < view.paused
+    return kind in LOOSENING and came < view.paused_until
 
 
 def of_start(start: StartView) -> Input:
@@ -628,9 +594,9 @@ def fate(
         opinion.allowed
         and stated
         and given.kind != 'READ_ROSTER'  # of no kart
-        and _is_as_seen(view, given)
-        and _heat_exists(view, given)
-        and not _heat_is_barred(view, given)
+        and as_seen(view, given) == given
+        and (given.kind != 'SET_HEAT' or given.heat in [heat.name for heat in view.heats])
+        and not _is_barred(view, given)
         and not _is_another_finish(facts, view, given)
     ):
         return 'refused'
@@ -650,7 +616,8 @@ def finishes(facts: Facts, view: View, number: int) -> list[tuple[str, int, int]
 
 
 def _is_another_finish(facts: Facts, view: View, given: Input) -> bool:
-    return given.finish is not None and given.finish != finishes(facts, view, given.kart)[0]
+    named = given.finish if given.kind == 'KART_FINISH' else None
+    return named is not None and named != finishes(facts, view, given.kart)[0]
 
 
 def _heat_in_race(view: View, facts: Facts) -> Any:
@@ -660,30 +627,14 @@ def _heat_in_race(view: View, facts: Facts) -> Any:
     return next((heat for heat in put_in if racing and racing <= {*heat.karts}), None)
 
 
-def _heat_exists(view: View, given: Input) -> bool:
-    return given.kind != 'SET_HEAT' or given.heat in [heat.name for heat in view.heats]
-
-
 def _is_barred(view: View, given: Input) -> bool:
     """Return whether a command is refused for want of an inspection, if for nothing else."""
-    if given.kind == 'GRID_ACTIVE':
-        return any(kart.in_race and kart.barred for kart in view.karts)
-    if given.kind == 'JOIN_RACE':
-        return any(kart.number == given.kart and kart.barred for kart in view.karts)
-    return _heat_is_barred(view, given)
-
-
-def _heat_is_barred(view: View, given: Input) -> bool:
-    """Return whether a heat has a kart that lacks the inspection that it needs."""
-    barred = {kart.number for kart in view.karts if kart.barred}
-    return given.kind == 'SET_HEAT' and any(
-        heat.name == given.heat and barred.intersection(heat.karts) for heat in view.heats
-    )
-
-
-def _is_as_seen(view: View, given: Input) -> bool:
-    seen = as_seen(view, given)
-    return seen == given
+    concerned = {
+        'GRID_ACTIVE': [kart.number for kart in view.karts if kart.in_race],
+        'JOIN_RACE': [given.kart],
+        'SET_HEAT': [n for heat in view.heats if heat.name == given.heat for n in heat.karts],
+    }.get(given.kind, [])
+    return any(kart.barred and kart.number in concerned for kart in view.karts)
 
 
 def _acknowledges(view: View, given: Input) -> bool:
@@ -700,20 +651,20 @@ def _hear(kart: dict[str, Any], given: Input, now: float, settle: float) -> None
     if not kart['connected']:
         return
     if given.state is not kart['sent']:
-        if given.state is GREEN_GREEN or (kart['acked'] and kart['sent'] in REDS):
+        if given.state is GREEN_GREEN or (kart['acknowledged'] and kart['sent'] in REDS):
             kart['doubt'] = MOVING
-        kart.update(acked=False, settles=None)
-    elif given.serial == kart['serial'] and not kart['acked']:
-        kart['acked'] = True
+        kart.update(acknowledged=False, settles_at=None)
+    elif given.serial == kart['serial'] and not kart['acknowledged']:
+        kart['acknowledged'] = True
         if given.state in REDS:
-            kart['settles'] = now + settle
+            kart['settles_at'] = now + settle
             _stand(kart, now)
 
 
 def _stand(kart: dict[str, Any], now: float) -> None:
     """Take a kart for harmless that has stood by its word for long enough."""
-    if kart['settles'] is not None and now >= kart['settles']:
-        kart.update(doubt=HARMLESS, settles=None, lost=None)
+    if kart['settles_at'] is not None and now >= kart['settles_at']:
+        kart.update(doubt=HARMLESS, settles_at=None, lost_since=None)
 
 
 def expect(
@@ -730,8 +681,8 @@ def expect(
     :param becomes: what becomes of the command, or of the start that waits (``fate``).
     :param abandoned: nobody has been there for too long (``is_abandoned``).
     """
-    state, track_open, msr_used, over, past_unknown, unstated, rival, cut = view[:8]
-    trouble, heats, starters, paused, start, there, opening, karts = view[8:]
+    state, track_open, msr_used, over, past_unknown, unstated, rival, heats = view[:8]
+    starters, paused, opening, cut, trouble, start, there, karts = view[8:]
     what, kind, number = given.what, given.kind, given.kart
     if kind in STOPS:
         paused = max(paused, now + times.pause)
@@ -741,7 +692,7 @@ def expect(
         if becomes != 'refused':
             came = now if given.came is None else given.came
             start = StartView(given.karts, came, now + times.journal_timeout)
-        return view._replace(paused=paused, start=start)
+        return view._replace(paused_until=paused, start=start)
     if start is not None and what != 'command' and becomes:
         start = None
     after = [kart._asdict() for kart in karts]
@@ -753,23 +704,23 @@ def expect(
             each['hold'] = _stricter(red, each['hold'])
 
     def drop(each: dict[str, Any]) -> None:
-        each.update(connected=False, acked=False, settles=None)
+        each.update(connected=False, acknowledged=False, settles_at=None)
         if each['doubt'] or (each['in_race'] and state is not IN_GARAGE):
-            each['lost'] = now if each['lost'] is None else each['lost']
+            each['lost_since'] = now if each['lost_since'] is None else each['lost_since']
         if (each['in_race'] and state in UNDER_WAY) or each['doubt'] == MOVING:
             each['hold'] = RED_RED
 
     if what == 'connected':
         if mine[0]['connected']:
             drop(mine[0])
-        mine[0].update(connected=True, silent=None)
+        mine[0].update(connected=True, went_silent_at=None)
         if mine[0]['doubt'] != MOVING:
-            mine[0]['lost'] = None
+            mine[0]['lost_since'] = None
         anew = number
     elif what == 'disconnected':
         if mine[0]['connected']:
             drop(mine[0])
-            mine[0]['silent'] = now if given.statement else None
+            mine[0]['went_silent_at'] = now if given.statement else None
     elif what == 'contested':
         mine[0]['contested'] = given.statement
     elif what == 'heard':
@@ -786,13 +737,13 @@ def expect(
         cut = given.statement
     elif what == 'held up':
         for each in after:
-            if each['settles'] is not None:
-                each['settles'] = now + times.settle_time
+            if each['settles_at'] is not None:
+                each['settles_at'] = now + times.settle_time
     elif what == 'tick':
         for each in after:
             _stand(each, now)
-            if each['finish_at'] is not None and now >= each['finish_at']:
-                each['finish_at'] = None
+            if each['finish_due'] is not None and now >= each['finish_due']:
+                each['finish_due'] = None
                 hold([each], RED_FLAG)
         _settle(state, after, 0, now, past_unknown)
         if starters and _race_is_over(state, after, now, times):
@@ -811,7 +762,7 @@ def expect(
         hold(mine, RED_RED if kind == 'KART_RED_RED' else RED_FLAG)
         if any(kart.number == number and _is_unanswered(view, kart) for kart in karts):
             mine[0]['doubt'] = MOVING
-        mine[0]['alone'] = True
+        mine[0]['held_alone'] = True
     elif kind == 'GRID_ACTIVE' and state is GRID_ACTIVE:
         pass
     elif kind == 'GRID_ACTIVE':
@@ -827,24 +778,26 @@ def expect(
         state, over, msr_used, starters = IN_GARAGE, False, False, ()
         past_unknown, unstated = False, unstated and not past_unknown
         for each, old in zip(after, karts, strict=True):
-            each['finish_at'] = None
-            kept = each['alone'] and not each['in_race']
+            each['finish_due'] = None
+            kept = each['held_alone'] and not each['in_race']
             if _is_covered(view, old):
-                each['lost'] = None
+                each['lost_since'] = None
             if (_stands(old) and not kept) or _is_away(old) or _is_covered(view, old):
-                each['hold'], each['alone'] = None, False
+                each['hold'], each['held_alone'] = None, False
     elif kind == 'KART_FINISH':
         place = mine[0]['place'] = 1 + max(each['place'] for each in after)
         delays = times.finish_delays
-        mine[0]['finish_at'] = now + delays[min(place, len(delays)) - 1]
+        mine[0]['finish_due'] = now + delays[min(place, len(delays)) - 1]
     elif kind == 'KART_UNDO_FINISH':
         gone = mine[0]['place']
         for each in after:
             each['place'] -= each['place'] > gone
-        mine[0].update(place=0, finish_at=None)
+        mine[0].update(place=0, finish_due=None)
     elif kind == 'KART_IN_GARAGE':
-        mine[0].update(hold=None, alone=False, doubt=HARMLESS, settles=None, finish_at=None)
-        mine[0]['lost'] = None
+        mine[0].update(
+            hold=None, held_alone=False, doubt=HARMLESS, settles_at=None, finish_due=None
+        )
+        mine[0]['lost_since'] = None
         if state is not IN_GARAGE:
             mine[0]['in_race'] = False
     elif kind == 'JOIN_RACE':
@@ -868,8 +821,8 @@ def expect(
         hold(after, RED_RED)
     _settle(state, after, anew, now, past_unknown)
     seen = tuple([_kart_view(each.values()) for each in after])
-    race = (state, track_open, msr_used, over, past_unknown, unstated, rival, cut)
-    return View(*race, trouble, heats, starters, paused, start, there, opening, seen)
+    race = (state, track_open, msr_used, over, past_unknown, unstated, rival, heats)
+    return View(*race, starters, paused, opening, cut, trouble, start, there, seen)
 
 
 def is_cut_off(view: View, given: Input, now: float) -> bool:
@@ -883,7 +836,11 @@ def is_cut_off(view: View, given: Input, now: float) -> bool:
     if not any(kart.number == given.kart and kart.connected for kart in concerned):
         return False
     others = [kart for kart in concerned if kart.number != given.kart]
-    lately = [kart for kart in others if kart.silent is not None and now - kart.silent <= 2.0]
+    lately = [
+        kart
+        for kart in others
+        if kart.went_silent_at is not None and now - kart.went_silent_at <= 2.0
+    ]
     if not lately:
         # One alone is no sign of that while any other kart is heard.
         return not in_garage and not any(
@@ -900,13 +857,13 @@ def _settle(
         sent = _stricter(state if kart['in_race'] else IN_GARAGE, kart['hold'])
         told = kart['number'] == anew
         if sent is not kart['sent']:
-            kart['sent'], kart['since'], told = sent, now, True
+            kart['sent'], kart['sent_since'], told = sent, now, True
         if told:
-            kart.update(acked=False, settles=None)
+            kart.update(acknowledged=False, settles_at=None)
         if told and kart['connected']:
             if sent is GREEN_GREEN or sent in REDS:
                 # Nobody has seen it move, and nobody but it knows more.
-                if not unseen or kart['doubt'] or kart['alone']:
+                if not unseen or kart['doubt'] or kart['held_alone']:
                     kart['doubt'] = MOVING
             elif kart['doubt'] != MOVING:
                 kart['doubt'] = ON_GRID if sent is GRID_ACTIVE else HARMLESS
@@ -918,8 +875,11 @@ def _race_is_over(state: RaceState, karts: list[dict[str, Any]], now: float, tim
     racing = [kart for kart in karts if kart['in_race']]
     return bool(racing) and all(
         kart['place']
-        and kart['finish_at'] is None
-        and ((kart['acked'] and kart['sent'] in REDS) or now >= kart['since'] + times.finish_stop)
+        and kart['finish_due'] is None
+        and (
+            (kart['acknowledged'] and kart['sent'] in REDS)
+            or now >= kart['sent_since'] + times.finish_stop
+        )
         for kart in racing
     )
 
@@ -928,7 +888,7 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
     """Return the alerts of docs/rules.md: which, and of which kart."""
     alerts = set()
     for kart, memory in zip(view.karts, facts.karts, strict=True):
-        if kart.lost is not None:
+        if kart.lost_since is not None:
             if kart.moving:
                 alerts.add(('LOST_IN_MOTION', kart.number))
             elif not kart.connected:
@@ -939,23 +899,25 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
             alerts.add(('LINK_POOR', kart.number))
         if kart.contested:
             alerts.add(('TWO_PROGRAMS', kart.number))
-        if kart.acked or _is_covered(view, kart):
+        if kart.acknowledged or _is_covered(view, kart):
             continue
-        if kart.sent is GRID_ACTIVE and now >= kart.since + times.ready_alert:
+        if kart.sent is GRID_ACTIVE and now >= kart.sent_since + times.ready_alert:
             alerts.add(('NOT_READY', kart.number))
         if not kart.connected:
             continue
-        if kart.sent is GREEN_GREEN and now >= kart.since + times.green_alert:
+        if kart.sent is GREEN_GREEN and now >= kart.sent_since + times.green_alert:
             alerts.add(('GREEN_UNACKNOWLEDGED', kart.number))
         # A kart that was not lost in motion has the whole time from when it comes.
-        since = kart.since if kart.lost is not None else max(kart.since, memory.joined)
+        since = (
+            kart.sent_since if kart.lost_since is not None else max(kart.sent_since, memory.joined)
+        )
         if kart.sent is RED_FLAG and now >= since + times.flag_alert:
             alerts.add(('FLAG_UNACKNOWLEDGED', kart.number))
         if kart.sent is RED_RED and now >= since + times.red_alert:
             alerts.add(('RED_UNACKNOWLEDGED', kart.number))
     if view.track_open and not _humans_allowed(view)[0]:
         alerts.add(('TRACK_UNSAFE', 0))
-    if view.rival:
+    if view.has_rival:
         alerts.add(('TWO_RACE_CONTROLS', 0))
     if view.trouble:
         alerts.add(('RECORD_FAILING', 0))
@@ -1120,14 +1082,12 @@ def check_input(
         if success and late and opinion.allowed:
             raise RuleBrokenError('pause', f'{given} in {before}: {outcome.answer}')
         if success != (becomes != 'refused'):
-            seen = _is_as_seen(before, given)
+            seen = as_seen(before, given) == given
             stated = given.statement or not opinion.needs_statement
             message = '' if waits else outcome.answer.message
             name = 'availability' if not opinion.allowed else 'as-seen'
             if success and _is_barred(before, given):
                 raise RuleBrokenError('uninspected', f'{given} in {before}: {outcome.answer}')
-            if success and not _heat_exists(before, given):
-                raise RuleBrokenError('heat-halved', f'{given} in {before}: {outcome.answer}')
             if opinion.allowed and (stated != seen or 'since you looked' not in message):
                 name = 'statement' if seen else 'as-seen'
                 if seen and stated and 'state that' not in message:
@@ -1136,12 +1096,12 @@ def check_input(
                 name = 'finish-other'
             raise RuleBrokenError(name, f'{given} in {before}: {outcome.answer}')
         if not success:
-            unchanged = before._replace(paused=after.paused) if kind in STOPS else before
-            if after != unchanged or outcome.orders:
+            paused = (after if kind in STOPS else before).paused_until
+            if after != before._replace(paused_until=paused) or outcome.orders:
                 raise RuleBrokenError('refused-changes', f'{given}: {before} became {after}')
             _check_refusal(race, given, opinion, outcome, late)
             return learn(before, facts, given, becomes, after, now)
-    _check_start(before, facts, given, outcome, after, becomes)
+    _check_start(race, before, facts, given, outcome, becomes)
     started = becomes == 'accepted' and what == 'journal'
     if started:
         assert before.start is not None
@@ -1156,7 +1116,9 @@ def check_input(
             expect_alerts(before, facts, now, race.times),
             {(alert.kind.name, alert.kart) for alert in race.alerts(now)},
         )
-    _check_memory(after, memory)
+    for kart, known in zip(after.karts, memory.karts, strict=True):
+        if kart.sent is GREEN_GREEN and known.phase != 2:
+            raise RuleBrokenError('red-to-green', f'{kart} {known}')
     # What a FINISH may name is shown; so the search need not tell attempts apart.
     attempts = [kart.attempt for kart in race.karts.values()]
     shown = race.number if after.state in IN_MOTION else memory.race, attempts
@@ -1164,16 +1126,14 @@ def check_input(
         raise RuleBrokenError('finish-other', f'{given}: shows {shown}, with {memory}')
     if race.nobody_since != (memory.left if _nobody(after, memory) else None):
         raise RuleBrokenError('nobody-there', f'{given}: {race.nobody_since} with {memory}')
-    _check_results(race, before, given, outcome, after)
-    if kind == 'SET_HEAT':
-        _check_heat(before, given, outcome, after)
+    _check_results(before, given, outcome, after)
     left = before._replace(start=None) if started else before
     expected = expect(left, given, now, race.times, becomes, abandoned)
     for kart, wanted in zip(after.karts, expected.karts, strict=True):
         if kart.sent is not wanted.sent:
             raise RuleBrokenError('sent-wrong', f'{given} in {before}: {kart}, expected {wanted}')
-        if kart.acked != wanted.acked:
-            name = 'ack-deaf' if wanted.acked and what == 'heard' else 'ack-old'
+        if kart.acknowledged != wanted.acknowledged:
+            name = 'ack-deaf' if wanted.acknowledged and what == 'heard' else 'ack-old'
             raise RuleBrokenError(name, f'{given} in {before}: {kart}, expected {wanted}')
         if kart != wanted and kart._replace(serial=wanted.serial) != wanted:
             raise RuleBrokenError('effect', f'{given} in {before}: {kart}, expected {wanted}')
@@ -1190,7 +1150,7 @@ def _is_unknown(view: View) -> bool:
 
 
 def _check_start(
-    before: View, facts: Facts, given: Input, outcome: Any, after: View, becomes: str
+    race: Any, before: View, facts: Facts, given: Input, outcome: Any, becomes: str
 ) -> None:
     """Check that a start waits for what must be known first, and is answered as it must be."""
 
@@ -1217,7 +1177,7 @@ def _check_start(
             name = 'start-other-grid' if facts.superseded else 'pause' if late else 'start-first'
         raise broken(name)
     if outcome.start is not None:
-        written = outcome.start.memory
+        written = race.memory()
         known = [written.karts[kart.number] for kart in before.karts if kart.in_race]
         started = all(kart.in_race and kart.doubt == MOVING for kart in known)
         starters = tuple(kart.number for kart in before.karts if kart.in_race)
@@ -1258,7 +1218,7 @@ def _check_safety(
     if (
         kind in STOPS
         and _in_force(before, kind, number)
-        and (outcome.orders or after._replace(paused=before.paused) != before)
+        and (outcome.orders or after._replace(paused_until=before.paused_until) != before)
     ):
         raise RuleBrokenError('stop-idempotent', f'{given}: {before} became {after}')
     ordered: dict[int, Any] = {}
@@ -1285,10 +1245,10 @@ def _check_safety(
                 raise RuleBrokenError('red-loosened', f'{given}: {old} became {kart}')
         if sent is GREEN_GREEN and was is not GREEN_GREEN and kind != 'GREEN_GREEN':
             raise RuleBrokenError('green-only-by-command', f'{given}: {old} became {kart}')
-        if old.finish_at is not None and kart.finish_at != old.finish_at:
-            sooner = kart.finish_at is not None and kart.finish_at < old.finish_at
-            flagged = what == 'tick' and kart.finish_at is None and _red(kart)
-            taken_back = kind == 'KART_UNDO_FINISH' and this and kart.finish_at is None
+        if old.finish_due is not None and kart.finish_due != old.finish_due:
+            sooner = kart.finish_due is not None and kart.finish_due < old.finish_due
+            flagged = what == 'tick' and kart.finish_due is None and _red(kart)
+            taken_back = kind == 'KART_UNDO_FINISH' and this and kart.finish_due is None
             released = kind == 'IN_GARAGE' or (kind == 'KART_IN_GARAGE' and this) or taken_back
             if not (sooner or flagged or released):
                 raise RuleBrokenError('finish-put-off', f'{given}: {old} became {kart}')
@@ -1299,7 +1259,7 @@ def _check_safety(
             answered = kind == 'IN_GARAGE' and (
                 (old.connected and _stands(old)) or _is_away(old) or _is_covered(before, old)
             )
-            if falls and kind == 'IN_GARAGE' and old.alone and not old.in_race:
+            if falls and kind == 'IN_GARAGE' and old.held_alone and not old.in_race:
                 raise RuleBrokenError('alone-released', f'{given}: {old} became {kart}')
             if falls and not (answered or (kind == 'KART_IN_GARAGE' and this)):
                 raise RuleBrokenError('hold-forgotten', f'{given}: {old} became {kart}')
@@ -1307,8 +1267,8 @@ def _check_safety(
         held = kart.hold is RED_RED and sent is RED_RED
         if drops and not held and (old.moving or (old.in_race and before.state in UNDER_WAY)):
             raise RuleBrokenError('drop-not-held', f'{given} in {before.state}: {kart}')
-        if (before.rival or before.cut) and looser:
-            name = 'rival' if before.rival else 'cut-off'
+        if (before.has_rival or before.cut) and looser:
+            name = 'rival' if before.has_rival else 'cut-off'
             raise RuleBrokenError(name, f'{given}: {old} became {kart}')
         _check_doubt(after, old, given, ordered.get(kart.number), kart)
         stood = known.stood if given.what != 'heard' else known.stood or now
@@ -1332,10 +1292,10 @@ def _check_safety(
             raise RuleBrokenError('order-serial', f'{given}: {old} became {kart}')
         if order is None and kart.connected and kart.serial != old.serial:
             raise RuleBrokenError('order-serial', f'{given}: {old} became {kart} without an order')
-        if kart.acked:
+        if kart.acknowledged:
             if anew or sent is not was or not kart.connected or order is not None:
                 raise RuleBrokenError('ack-survives', f'{given}: {old} became {kart}')
-            if not old.acked:
+            if not old.acknowledged:
                 if what != 'heard' or not this:
                     raise RuleBrokenError('ack-from-nothing', f'{given}: {old} became {kart}')
                 if given.state is not was or given.serial != old.serial or not old.connected:
@@ -1357,21 +1317,7 @@ def _check_safety(
             raise RuleBrokenError('alerts', 'an alert without a text')
 
 
-def _check_heat(before: View, given: Input, outcome: Any, after: View) -> None:
-    """Check that a heat is in the race as a whole, as one event, and that nothing else changed."""
-    (chosen,) = (heat.karts for heat in before.heats if heat.name == given.heat)
-    members = tuple(kart.number for kart in after.karts if kart.in_race)
-    as_before = after._replace(
-        karts=tuple(
-            kart._replace(in_race=old.in_race)
-            for old, kart in zip(before.karts, after.karts, strict=True)
-        )
-    )
-    if members != chosen or as_before != before or len(outcome.events) != 1:
-        raise RuleBrokenError('heat-halved', f'{given}: {before} became {after}')
-
-
-def _check_results(race: Any, before: View, given: Input, outcome: Any, after: View) -> None:
+def _check_results(before: View, given: Input, outcome: Any, after: View) -> None:
     """Check that the order of FINISH comes when it must, once, with every kart that started."""
     told = [event.text for event in outcome.events if event.kind.name == 'ORDER_OF_FINISH']
     ends = given.kind in ('RACE_OVER', 'IN_GARAGE') or (after.over and not before.over)
@@ -1393,16 +1339,18 @@ def _check_doubt(after: View, old: KartView, given: Input, order: Any, kart: Kar
     """Check that whatever makes a kart doubtful is noticed, and what ends that is enough."""
     heard = given.what == 'heard' and given.kart == kart.number and old.connected
     unasked = heard and given.state is not old.sent
-    if unasked and old.acked and kart.acked:
+    if unasked and old.acknowledged and kart.acknowledged:
         raise RuleBrokenError('ack-stale', f'{given}: {old} became {kart}')
-    seen = unasked and (given.state is GREEN_GREEN or (old.acked and _red(old)))
+    seen = unasked and (given.state is GREEN_GREEN or (old.acknowledged and _red(old)))
     told = order is not None and (order.state is GREEN_GREEN or order.state in REDS)
     told = told and not _is_covered(after, old)
     gridded = order is not None and order.state is GRID_ACTIVE
     if (not kart.moving and (seen or told)) or (not kart.doubt and gridded):
         raise RuleBrokenError('doubt-unnoticed', f'{given}: {old} became {kart}')
     answers = heard and given.state is old.sent and given.serial == old.serial
-    stands = _red(old) and (answers or (given.what == 'tick' and old.acked and old.connected))
+    stands = _red(old) and (
+        answers or (given.what == 'tick' and old.acknowledged and old.connected)
+    )
     by_hand = given.kind == 'KART_IN_GARAGE' and given.kart == kart.number
     sent_home = order is not None and order.state is IN_GARAGE and not old.moving
     if kart.doubt < old.doubt and not (stands or by_hand or sent_home):
@@ -1433,12 +1381,9 @@ def check_recovery(
     :param last_run: what is known of how the last run ended: a ``LastRun``.
     """
     roster = [kart.number for kart in view.karts][:-1]
+    dates = {number: race.karts[number].inspected for number in roster}
     karts = [
-        rules.Kart(
-            number,
-            in_race=True,
-            inspected=race.karts[number].inspected if number in roster else '',
-        )
+        rules.Kart(number, in_race=True, inspected=dates.get(number, ''))
         for number in (*roster, 99)
     ]
     again = rules.Race(karts, race.times, now, race.heats)
@@ -1465,7 +1410,7 @@ def check_recovery(
         return
     if outcome.orders or not _is_unknown(after) or after.over:
         raise broken()
-    if after.paused != now + max(race.times.pause, race.times.pause_after_stall):
+    if after.paused_until != now + max(race.times.pause, race.times.pause_after_stall):
         raise broken('what was sent to the last run is taken: ')
     if again.availability(rules.CommandKind.OPEN_TRACK, 0, now).available:
         raise broken()
@@ -1480,32 +1425,20 @@ def check_recovery(
             raise broken()
         if gone and not forgotten and not any(each.kart == number for each in outcome.events):
             raise broken()
-    blank = {kart.number: kart for kart in fresh.karts}
+    # A kart that the roster lacks is one of which nothing is known but what was remembered.
+    gone = look(rules.Race([rules.Kart(view.karts[-1].number)], race.times))
+    blank = {kart.number: kart for kart in (*fresh.karts, *gone.karts)}
     for number, kart in found.items():
-        gone = number not in blank
-        expected = (remembered if gone else blank)[number]._replace(
-            connected=False,
-            hold=RED_RED,
-            sent=RED_RED,
-            since=now,
-            serial=kart.serial,
-            acked=False,
-            finish_at=None,
-            settles=None,
-            contested=False,
-            silent=None,
-            lost=None,
+        expected = blank[number]._replace(
+            hold=RED_RED, sent=RED_RED, sent_since=now, serial=kart.serial
         )
-        if gone:
-            # The roster has no date of a kart that is not in it.
-            barred = race.times.require_inspection
-            expected = expected._replace(in_race=False, place=0, barred=barred)
         if number in remembered:
             old = remembered[number]
-            lost = now if old.doubt else None
-            expected = expected._replace(doubt=old.doubt, alone=old.alone, lost=lost)
-            if not gone:
-                expected = expected._replace(in_race=old.in_race, place=old.place)
+            expected = expected._replace(
+                doubt=old.doubt, held_alone=old.held_alone, lost_since=now if old.doubt else None
+            )
+        if number in remembered and number in roster:
+            expected = expected._replace(in_race=old.in_race, place=old.place)
         if kart != expected:
             raise broken(f'{kart}, expected {expected}: ')
     check_state(again, after, recall(after, None), now)
@@ -1518,7 +1451,7 @@ def _in_force(view: View, kind: str, number: int) -> bool:
     if kind in KART_STOPS:
         rank = RANK['RED_RED' if kind == 'KART_RED_RED' else 'RED_FLAG']
         return all(
-            kart.alone and kart.hold is not None and _strictness(kart.hold) >= rank
+            kart.held_alone and kart.hold is not None and _strictness(kart.hold) >= rank
             for kart in view.karts
             if kart.number == number
         )
@@ -1526,13 +1459,6 @@ def _in_force(view: View, kind: str, number: int) -> bool:
         kart.hold is RED_RED and not _is_unanswered(view, kart) for kart in view.karts
     )
     return done and (kind == 'ALL_KILL' or view.msr_used)
-
-
-def _check_memory(after: View, facts: Facts) -> None:
-    """Check what the oracle remembers against what is sent now."""
-    for kart, memory in zip(after.karts, facts.karts, strict=True):
-        if kart.sent is GREEN_GREEN and memory.phase != 2:
-            raise RuleBrokenError('red-to-green', f'{kart} {memory}')
 
 
 def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any, late: bool) -> None:
@@ -1584,7 +1510,7 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
         own = view.state if kart.in_race else IN_GARAGE
         if kart.sent is not _stricter(own, kart.hold):
             raise RuleBrokenError('sent-wrong', f'{kart} while the race is in {view.state}')
-        if kart.acked and not kart.connected:
+        if kart.acknowledged and not kart.connected:
             raise RuleBrokenError('ack-survives', f'{kart}')
     access = race.track_access()
     allowed, unsafe = _humans_allowed(view)
@@ -1636,7 +1562,7 @@ def check_announced(
     paused = opinion.allowed and is_paused(view, kind, now)
     if paused:
         opinion = opinion._replace(allowed=False)
-    if told.available_from != (view.paused if paused else None):
+    if told.available_from != (view.paused_until if paused else None):
         raise RuleBrokenError('available-from', f'{told} in {view}')
     if told.available != opinion.allowed or told.command.name != kind:
         raise RuleBrokenError('availability', f'{told}, expected {opinion} in {view}')
@@ -1704,6 +1630,7 @@ class Report:
     finished: bool = False
 
 
+@dataclass
 class Search:
     """
     Every reachable state, under every input, breadth first.
@@ -1758,26 +1685,32 @@ class Search:
         is held up. If not, what a start waits for is so at once, and there is no pause.
     """
 
-    def __init__(
+    rules: ModuleType
+    racing: InitVar[int] = 2
+    outside: InitVar[int] = 1
+    times: Any = None
+    uninspected: InitVar[tuple[int, ...]] = ()
+    compare: int = 4000
+    track: InitVar[bool] = True
+    around: bool = False
+    silence: bool = False
+    network: bool = False
+    people: bool = False
+    begin: str = 'garage'
+    without: InitVar[Container[str]] = ()
+    waits: bool = False
+    heats: bool = False
+    then: Iterable[Input] = ()
+
+    def __post_init__(
         self,
-        rules: ModuleType,
-        racing: int = 2,
-        outside: int = 1,
-        times: dict[str, Any] | None = None,
-        uninspected: tuple[int, ...] = (),
-        compare: int = 4000,
-        track: bool = True,
-        around: bool = False,
-        silence: bool = False,
-        network: bool = False,
-        people: bool = False,
-        begin: str = 'garage',
-        without: Container[str] = (),
-        waits: bool = False,
-        heats: bool = False,
-        then: Iterable[Input] = (),
+        racing: int,
+        outside: int,
+        uninspected: tuple[int, ...],
+        track: bool,
+        without: Container[str],
     ) -> None:
-        self.rules = rules
+        rules, waits = self.rules, self.waits
         self.times = rules.RaceTimes(
             **{
                 'finish_delays': (2.0, 1.0),
@@ -1791,7 +1724,7 @@ class Search:
                 'journal_timeout': 1.0,
                 'nobody_there': 2.0,
                 'settle_time': 1.0,
-                **(times or {}),
+                **(self.times or {}),
             }
         )
         karts = [
@@ -1809,22 +1742,13 @@ class Search:
             for chosen in itertools.combinations(numbers, size)
         ]
         self.race = rules.Race(karts, self.times, heats=of_roster, run=RUN)
-        self.begin = begin
         without = {*without, *(() if track else ('OPEN_TRACK',))}
-        self.heats = heats
-        self.then = then
         self.commands = [(kind, 0) for kind in RACE_COMMANDS if kind not in without]
         for kind in KART_COMMANDS:
             if kind not in without:
                 self.commands.extend((kind, kart.number) for kart in karts)
-        self.around = around
-        self.silence = silence
-        self.network = network
-        self.people = people
-        self.waits = waits
         self.scratch = Scratch(self.race)
         self.numbers = [kart.number for kart in karts]
-        self.compare = compare
         self._names: dict[tuple[Any, ...], int] = {}
         self.report = Report()
         self._met = 0
@@ -1841,7 +1765,7 @@ class Search:
         ]
         karts.sort()
         waiting = start is not None and (
-            start.came < view.paused,
+            start.came < view.paused_until,
             max(start.until - now, 0.0),
             facts.superseded,
         )
@@ -1854,10 +1778,10 @@ class Search:
             view.msr_used,
             view.past_unknown,
             view.unstated,
-            view.rival,
+            view.has_rival,
             view.cut,
             view.trouble,
-            max(view.paused - now, 0.0),
+            max(view.paused_until - now, 0.0),
             waiting,
             view.there.able,
             missed and (max(facts.left + self.times.nobody_there - now, 0.0),),
@@ -1877,23 +1801,25 @@ class Search:
         red = kart.sent is RED_FLAG or kart.sent is RED_RED
         finishing = timed and kart.in_race
         due = left = settles = -1.0
-        if kart.settles is not None:
-            settles = max(kart.settles - now, 0.0)
-        silent = -1.0 if kart.silent is None else max(kart.silent + 2.0 - now, -1.0)
-        if kart.finish_at is not None and ((timed and kart.place) or kart.hold is None):
-            due = max(kart.finish_at - now, 0.0)
+        if kart.settles_at is not None:
+            settles = max(kart.settles_at - now, 0.0)
+        silent = (
+            -1.0 if kart.went_silent_at is None else max(kart.went_silent_at + 2.0 - now, -1.0)
+        )
+        if kart.finish_due is not None and ((timed and kart.place) or kart.hold is None):
+            due = max(kart.finish_due - now, 0.0)
         if finishing and red and kart.place:
-            left = max(kart.since + self.times.finish_stop - now, due, 0.0)
+            left = max(kart.sent_since + self.times.finish_stop - now, due, 0.0)
         key = (
             kart.in_race,
             kart.connected,
             -1 if kart.hold is None else RANK[kart.hold._value_],
-            kart.acked and (red or kart.sent is GRID_ACTIVE),
+            kart.acknowledged and (red or kart.sent is GRID_ACTIVE),
             kart.doubt,
-            kart.alone,
+            kart.held_alone,
             kart.contested,
             silent,
-            kart.lost is not None and not (kart.connected or kart.doubt),
+            kart.lost_since is not None and not (kart.connected or kart.doubt),
             untold and kart.place > 0,
             due,
             left,
@@ -1980,11 +1906,12 @@ class Search:
         check_news(self.rules, race, outcome)
         if after.start is None or self.waits:
             return outcome.answer is None or outcome.answer.success, facts, after
+        written = race.memory()
         then = Input('journal', statement=True)
         ended = give(self.rules, race, then, now)
         waiting, after = after, look(race)
         facts = check_input(race, waiting, facts, then, ended, after, now)
-        if outcome.start is not None and race.memory() != outcome.start.memory:
+        if outcome.start is not None and race.memory() != written:
             raise RuleBrokenError('restart', f'{outcome.start} is remembered before {after}')
         return ended.answer is not None and ended.answer.success, facts, after
 
@@ -2069,6 +1996,8 @@ class Search:
             if opinion.allowed and opinion.needs_statement:
                 yield right._replace(statement=False), now
             yield right, now
+            if kind == 'ALL_KILL':  # whatever it names
+                yield right._replace(finish=('another run', 1, 1)), now
             if opinion.allowed and not opinion.needs_statement:
                 yield right._replace(statement=False), now
             if opinion.allowed and kind in NAMING:
@@ -2081,7 +2010,7 @@ class Search:
             if opinion.allowed and kind == 'KART_IN_GARAGE':
                 yield right._replace(hold=RED_RED if right.hold is None else None), now
             if self.waits and kind in LOOSENING:
-                yield right._replace(came=view.paused - 0.5), now
+                yield right._replace(came=view.paused_until - 0.5), now
         for kart in view.karts:
             for state in RaceState:
                 yield Input('heard', '', kart.number, serial=kart.serial, state=state), now

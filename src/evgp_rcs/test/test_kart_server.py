@@ -777,7 +777,7 @@ def test_nothing_older_takes_the_place_of_what_a_start_has_written(ready: Green)
     before = len(running.remembered)
     running.give(CommandKind.CLOSE_TRACK)  # something that is told, and remembered at other times
     running.race_was_shown(2)
-    assert all(each is memory for each in running.remembered[before:])
+    assert all(each == memory for each in running.remembered[before:])
     done(True)
     assert starting.result(TIMEOUT).success
     running.race_was_shown(1)

@@ -175,7 +175,7 @@ class Forgetful(oracle.Search):  # type: ignore[misc, name-defined]
     """A search that takes states for one whether or not a finish is due."""
 
     def _kart_key(self, kart: oracle.KartView, *others: object) -> int:
-        return super()._kart_key(kart._replace(finish_at=None), *others)
+        return super()._kart_key(kart._replace(finish_due=None), *others)
 
 
 def test_a_search_that_takes_too_many_states_for_one_is_found_out() -> None:

@@ -184,7 +184,7 @@ the race goes over when the first kart has finished: sent-wrong, effect [two in 
     _all_have_finished: all ( => any(kart.place and kart.finish_due is None for kart in racing)
 humans may be on the track while the race drives: track-access, availability track_access: state
     GREEN_GREEN => self.state is GRID_ACTIVE
-the track stays open when the grid forms: track-open-in-motion _grid_active: without track_open
+the track stays open when the grid forms: track-open-in-motion _grid_active: skips track_open
 the track closes for the grid whoever has been let onto it since: as-seen _misnamed: opening != =>
     command.opening > self.opening
 an opening of the track is not counted: as-seen, effect _open_track: instead of
@@ -216,15 +216,15 @@ every kart is said to have acknowledged when one has: false-news [two on the gri
     _report_all_answered: all answered => any(kart.answered for kart in waited_for)
 a kart connecting during a race is sent IN_GARAGE: sent-wrong, red-loosened, order-wrong, ack-deaf
     _redirect: _commanded kart => IN_GARAGE if resend else it
-a heat leaves the others in the race: heat-halved _set_heat: karts number => each.in_race or it
+a heat leaves the others in the race: effect _set_heat: karts number => each.in_race or it
 a heat releases the karts that it puts into the race: membership-loosens, hold-forgotten _set_heat:
     after number: if each.in_race: ¶> self._unhold(each)
 a heat that takes a kart out forgets that it may be moving: doubt-forgotten [two] _set_heat: after
     number: each.doubt = each.doubt if each.in_race else Doubt.NONE
 a heat is put into a race that is under way: availability COMMANDS: SET_HEAT _set_heat =>
     Rule(Race._set_heat)
-a heat that the roster does not have empties the race: availability, heat-halved, effect
-    _no_such_heat: first: if name == 'no such heat': ¶> self.heats += (Heat(name, ()),)
+a heat that the roster does not have empties the race: availability, effect _no_such_heat: first:
+    if name == 'no such heat': ¶> self.heats += (Heat(name, ()),)
 a heat that is not in the roster is refused without those that are: refusal-silent _no_such_heat:
     join name => 'others'
 the places are gone with IN_GARAGE: results, effect [green] _race_in_garage: after finish_due:
@@ -236,7 +236,7 @@ the order of FINISH is told again with every RACE_OVER: results _report_order_of
 the order of FINISH leaves out who did not finish: results _report_order_of_finish: place not => it
     and each.in_race
 a restart forgets that the order of FINISH was never told: restart recover: memory starters => ()
-a crash as the race starts forgets who started: restart command: racing ( => ()
+a crash as the race starts forgets who started: restart memory: starters or => self.starters
 a kart that is held is given a place: availability _refusals: skips hold
 an unanswered stop leaves no doubt: doubt-unnoticed, alarm-cleared _redirect: _covered_by_statement
     not => state is GREEN_GREEN and it
@@ -292,6 +292,7 @@ a start is announced for all karts of the roster: as-seen COMMANDS: racing #1 =>
 a difference is not named: refusal-silent _misnamed: skips did
 a kart is released while another race control runs: availability, rival [around] _refusals:
     has_rival => it and not kart.number
+a stop that names another race is refused: stop-refused _misnamed: without KART_FINISH
 a stop is refused while another race control runs: availability, stop-refused _refusals: kind
     has_rival => self.has_rival
 another race control raises no alert: alerts _current_alerts: has_rival => it and self.record_fails
@@ -328,7 +329,10 @@ a start that waited while race control was held up goes out: pause [waits] _end_
 what was written for another start starts karts: start-answer, start-first start_saved: start !=
     => self.start.number < number
 a second GREEN_GREEN takes the place of the one that waits: availability _refusals: never start
-while a start waits a crash leaves the race on the grid: start-memory memory: skips start if
+a stop while a start waits is all that a crash leaves: start-memory memory: GREEN_GREEN starting =>
+    it if self.state is GRID_ACTIVE else self.state
+while a start waits a crash leaves the race on the grid: restart memory: GREEN_GREEN starting
+    => self.state
 a start that is refused is waited for all the same: effect _end_of_start: instead of start None: if
     saved: ¶> self.start = None
 a restart forgets the karts that left the roster: restart recover: always held not
@@ -341,8 +345,8 @@ a restart forgets who was held alone: restart recover: skips held_alone
 a restart that knows nothing begins in IN_GARAGE: restart recover: at_rest UNKNOWN => last_run is
     not LastRun.UNKNOWN or memory is None
 a restart goes on where the race was: restart _lose_track: skips _hold
-what is on the disk before GREEN_GREEN does not say that karts will move: restart command: MOVING
-    => kart.doubt
+what is on the disk before GREEN_GREEN does not say that karts will move: restart memory: MOVING =>
+    kart.doubt
 a kart without an inspection may join: uninspected, availability [uninspected outside] _refusals:
     _uninspected kart => ''
 a kart without an inspection may start: uninspected, availability [uninspected] _refusals:
@@ -506,7 +510,7 @@ a poor link stops the kart: effect, sent-wrong [around] measured: instead of lin
 an order that has arrived counts as acknowledged: ack-from-nothing, effect [around] delivered:
     after max: kart.acknowledged = True
 a change of state does not say what caused it: cause _go: without _cause
-a change of state does not say who gave the command: cause _add_event: official => ''
+a change of state does not say who gave the command: cause _add_event: _by official => ''
 the cause does not name the official: cause _cause: _by if => ''
 the cause is that of the last change: cause _go: _cause why => self.state_cause or why or
     self._cause()
@@ -535,14 +539,14 @@ a FINISH that was undone is taken again: finish-other [green] _misnamed: attempt
 an undone finish is no attempt: finish-other, availability [green] _kart_undo_finish: skips attempt
 the attempts of a race go on in the next one: finish-other [an undone finish] _grid_active: without
     attempt
-a FINISH that names no race is refused: availability [green] _misnamed: run and => meant !=
-    (self.run, self.number, kart.attempt)
+a FINISH that names no race is refused: availability [green] _misnamed: run and #1 => kind is
+    CommandKind.KART_FINISH
 a FINISH counts as somebody who is there: nobody-there [people in green] _kart_finish: after
     finish_due: self.nobody_since = None
 a heat stays in the race with karts of another one: heat [heats] heat: without karts racing
 a heat stays in the race without any kart: heat [heats] heat: inside racing => inside
-a race that nobody can stop goes on: nobody-there, effect [people in green] tick: skips
-    gone _go
+a race that nobody can stop goes on: nobody-there, effect [people in green] tick: skips IN_CONTACT
+    _go
 the grid stays when nobody can stop it any more: nobody-there, effect, alerts [people on the grid]
     _unattended_since: state GREEN_GREEN => self.state is GREEN_GREEN
 a race that nobody can stop goes on for longer than it may: nobody-there, effect [people in green]

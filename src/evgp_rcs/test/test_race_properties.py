@@ -179,10 +179,10 @@ class Races(RuleBasedStateMachine):
         assert not outcome.answer.success
         assert str(kart) in outcome.answer.message
         # A stop begins a pause all the same: the official meant some kart.
-        paused = before.paused
+        paused = before.paused_until
         if kind in oracle.STOPS:
             paused = max(paused, self.now + self.race.times.pause)
-        assert oracle.look(self.race) == before._replace(paused=paused)
+        assert oracle.look(self.race) == before._replace(paused_until=paused)
         assert not outcome.orders
 
     @precondition(lambda self: self.race.state is not RaceState.GREEN_GREEN)

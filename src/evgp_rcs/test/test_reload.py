@@ -136,7 +136,7 @@ def _keeps(before: oracle.View, roster: Any) -> bool:
     return all(
         at.get(kart.number) == f'10.0.0.{kart.number}'
         for kart in before.karts
-        if kart.connected or kart.hold or kart.doubt or kart.alone or kart.contested
+        if kart.connected or kart.hold or kart.doubt or kart.held_alone or kart.contested
     )
 
 
@@ -164,7 +164,7 @@ def check(rules: ModuleType) -> None:
         before = oracle.look(seen)
         again = between[0] == 'it is read again' and seen.reading != number
         waits = before.state is RaceState.IN_GARAGE and seen.grids == races
-        wanted = waits and _keeps(before, roster) and not (before.rival or before.cut or again)
+        wanted = waits and _keeps(before, roster) and not (before.has_rival or before.cut or again)
         for other in (meeting.roster(), meeting.roster(*karts[1], (8, 'D', '10.0.0.8'))):
             answer = meeting.do('TAKE_ROSTER', reading=number, roster=other).answer
             assert not answer.success, case  # the file is another by now

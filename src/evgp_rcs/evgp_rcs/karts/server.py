@@ -458,7 +458,7 @@ class KartServer:
             start = outcome.start
             self._starting = waiting
             self._flush()
-            self._record.make_sure(start.number, start.memory, start.until - given.at)
+            self._record.make_sure(start.number, self._race.memory(), start.until - given.at)
 
     def _send(self, outcome: Outcome) -> None:
         for order in outcome.orders:

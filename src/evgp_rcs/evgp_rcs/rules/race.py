@@ -58,7 +58,6 @@ Section numbers (§) are those of the EVGP proposal.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-import dataclasses
 from dataclasses import dataclass
 import enum
 from typing import Any, NamedTuple
@@ -552,7 +551,6 @@ class Start(NamedTuple):
     :param number: number of the start, from 1.
     :param came: the time in seconds when the command arrived.
     :param until: the time in seconds when its wait ends.
-    :param memory: what must be on the disk before it takes effect.
     :param superseded: whether GRID_ACTIVE has been accepted during its wait.
     """
 
@@ -560,7 +558,6 @@ class Start(NamedTuple):
     command: Command
     came: float
     until: float
-    memory: RaceMemory
     superseded: bool = False
 
 
@@ -650,19 +647,22 @@ class Race:
         """
         Return what race control must save.
 
-        While a start is waiting, this is the memory to save first. Nothing may replace it.
+        A start that is waiting counts as having happened, until it is refused.
         """
-        if self.start is not None:
-            return self.start.memory
+        starting = self.start.command.karts if self.start is not None else frozenset()
         karts = {
             number: KartMemory(
-                kart.in_race, kart.hold is not None, kart.place, kart.doubt, kart.held_alone
+                kart.in_race,
+                kart.hold is not None,
+                kart.place,
+                Doubt.MOVING if number in starting else kart.doubt,
+                kart.held_alone,
             )
             for number, kart in self.karts.items()
         }
-        return RaceMemory(
-            self.state, karts, self.track_open, self.unstated, self._put_in, self.starters
-        )
+        state = GREEN_GREEN if starting else self.state
+        starters = tuple(number for number in karts if number in starting) or self.starters
+        return RaceMemory(state, karts, self.track_open, self.unstated, self._put_in, starters)
 
     def recover(
         self, memory: RaceMemory | None, last_run: LastRun, now: float, why: str = ''
@@ -698,7 +698,7 @@ class Race:
             if kart is None:
                 if not (before.in_race or before.held or before.doubt):
                     continue
-                kart = self.karts[number] = Kart(number, NOT_IN_ROSTER)
+                kart = self.karts[number] = Kart(number, 'no longer in the roster')
                 text = f'{kart} is held in RED_RED; find it, make it safe, then release it '
                 self._add_event(EventKind.KART_STATE, f'{text}individually', number, RED_RED)
             else:
@@ -751,23 +751,15 @@ class Race:
         refusal = self._refusal_of(command, came)
         if refusal or not CATALOGUE[command.kind].needs_journal:
             return self._outcome(self._decide(command, refusal, now))
-        before = self.memory()
-        starters = tuple(each.number for each in self.racing())
-        karts = {
-            number: dataclasses.replace(kart, doubt=Doubt.MOVING) if kart.in_race else kart
-            for number, kart in before.karts.items()
-        }
-        until = now + self.times.journal_timeout
         self.starts += 1
-        memory = dataclasses.replace(before, state=GREEN_GREEN, karts=karts, starters=starters)
-        self.start = Start(self.starts, command, came, until, memory)
+        self.start = Start(self.starts, command, came, now + self.times.journal_timeout)
         return self._outcome(start=self.start)
 
     def start_saved(self, saved: bool, number: int, now: float) -> Outcome:
         """
         End a start's wait for the disk.
 
-        :param saved: whether ``Start.memory`` is on the disk; if not, the start is refused.
+        :param saved: whether ``memory`` with this start is on the disk; if not, it is refused.
         :param number: number of the start. If it is no longer waiting, nothing happens.
         :returns: an outcome with the answer to the start.
         """
@@ -1041,10 +1033,7 @@ class Race:
         since, limit = self._unattended_since(), self.times.nobody_there
         if since is not None and limit and now >= since + limit:
             self._pause('race control has just stopped the race', now)
-            gone = (
-                'race control was not in contact with any screen or button that can stop the race'
-            )
-            self._go(RED_FLAG, now, gone)
+            self._go(RED_FLAG, now, f'race control was not {IN_CONTACT}')
         answer = None
         if self.start is not None and now >= self.start.until:
             answer = self._end_of_start(self.start, False, now)
@@ -1248,9 +1237,8 @@ class Race:
         self.grids += 1
         self.number = self.grids
         self.race_since = now
-        self.track_open = self.msr_used = False
+        self.track_open = False
         self.reading = 0
-        self.starters = ()
         self.nobody_since = None  # no program that could stop this race has been lost yet
         for each in self.karts.values():
             each.place = each.attempt = 0
@@ -1400,38 +1388,6 @@ class Race:
             }.get(kind, '')
             yield f'{text}{possible}{cure * (self.state in (GREEN_GREEN, RED_FLAG))}'
         match kind:
-            case CommandKind.GRID_ACTIVE:
-                yield self._uninspected(self.racing())
-                yield from self._no_race()
-            case CommandKind.GREEN_GREEN:
-                if not self.grid_was_last:
-                    yield 'another command was sent after GRID_ACTIVE; send GRID_ACTIVE again'
-                yield from self._no_race()
-                yield self._unanswered(self.racing())
-                if self.nobody_since is not None:
-                    yield (
-                        'race control is no longer in contact with any screen or button that can '
-                        'stop the race; open a window, or start again from IN_GARAGE'
-                    )
-                if self.start:
-                    yield 'another GREEN_GREEN is still waiting for the record'
-            case CommandKind.IN_GARAGE if self.state is GRID_ACTIVE:
-                yield self._dangers(
-                    each
-                    for each in self.racing()
-                    if each.may_be_moving or (each.doubt and not each.connected)
-                )
-            case CommandKind.IN_GARAGE:
-                msr = 'use the MSR and record its use, or, if the kart is off the track, '
-                if missing := self._unanswered(self._waited_for()):
-                    yield (
-                        f'{missing}. If a kart does not answer, {"" if self.msr_used else msr}'
-                        'make it safe by hand and release it individually'
-                    )
-            case CommandKind.OPEN_TRACK:
-                access = self.track_access()
-                if not access.allowed and access.settled_by is not CommandKind.OPEN_TRACK:
-                    yield access.reason
             case CommandKind.KART_FINISH:
                 if not kart.in_race:
                     yield f'{kart} is not in the race'
@@ -1454,6 +1410,36 @@ class Race:
                 yield self._uninspected([kart])
             case CommandKind.LEAVE_RACE if not kart.in_race:
                 yield f'{kart} is not in the race'
+            case CommandKind.GRID_ACTIVE:
+                yield self._uninspected(self.racing())
+                yield from self._no_race()
+            case CommandKind.GREEN_GREEN:
+                if not self.grid_was_last:
+                    yield 'another command was sent after GRID_ACTIVE; send GRID_ACTIVE again'
+                yield from self._no_race()
+                yield self._unanswered(self.racing())
+                if self.nobody_since is not None:
+                    what_to_do = 'open a window, or start again from IN_GARAGE'
+                    yield f'race control is no longer {IN_CONTACT}; {what_to_do}'
+                if self.start:
+                    yield 'another GREEN_GREEN is still waiting for the record'
+            case CommandKind.IN_GARAGE if self.state is GRID_ACTIVE:
+                yield self._dangers(
+                    each
+                    for each in self.racing()
+                    if each.may_be_moving or (each.doubt and not each.connected)
+                )
+            case CommandKind.IN_GARAGE:
+                if missing := self._unanswered(self._waited_for()):
+                    msr = 'use the MSR and record its use, or, if the kart is off the track, '
+                    yield (
+                        f'{missing}. If a kart does not answer, {"" if self.msr_used else msr}'
+                        'make it safe by hand and release it individually'
+                    )
+            case CommandKind.OPEN_TRACK:
+                access = self.track_access()
+                if not access.allowed and access.settled_by is not CommandKind.OPEN_TRACK:
+                    yield access.reason
             case CommandKind.SET_HEAT if not self.heats:
                 yield "the roster has no heats; list them under 'heats:' and read it again"
             case CommandKind.TAKE_ROSTER:
@@ -1534,7 +1520,8 @@ class Race:
             held = f'held in {kart.hold.value}' if kart.hold else 'not held'
             return f'{kart} has changed since you looked: it is now {held}. Look again'
         meant = command.run, command.race, command.attempt
-        if command.run and meant != (self.run, self.number, kart.attempt):
+        finishes = kind is CommandKind.KART_FINISH and command.run
+        if finishes and meant != (self.run, self.number, kart.attempt):
             return f'this FINISH is for another race, or the finish of {kart} has been undone'
         if kind is CommandKind.READ_ROSTER:
             roster = command.roster
@@ -1785,8 +1772,7 @@ class Race:
                 if alert not in MSR_ALERTS and not kart.connected:
                     text += ' because it is not connected'
                 yield alert, number, text
-        access = self.track_access()
-        if access.open and not access.allowed:
+        if self.track_open and not (access := self.track_access()).allowed:
             yield AlertKind.TRACK_UNSAFE, 0, f'Clear the track: {access.reason}'
         if self.has_rival:
             text = (
@@ -1796,10 +1782,7 @@ class Race:
             )
             yield AlertKind.TWO_RACE_CONTROLS, 0, text
         if self._unattended_since() is not None:
-            text = (
-                'Open a window: race control is not in contact with any screen or button that can '
-                'stop the race'
-            )
+            text = f'Open a window: race control is not {IN_CONTACT}'
             if self.times.nobody_there:
                 text += f'. If there is none for {self.times.nobody_there:g} s, it sends RED_FLAG'
             yield AlertKind.NOBODY_THERE, 0, text
@@ -1828,12 +1811,11 @@ class Race:
         text: str,
         kart: int = 0,
         state: RaceState | None = None,
-        success: bool = True,
-        chatter: bool = False,
         **more: Any,
     ) -> None:
+        """Add an event, which names the command that is taking effect, if any."""
         command, by = (None, '') if self._by is None else (self._by.kind, self._by.official)
-        event = Event(kind, _capital(text), kart, state, command, success, chatter, by, **more)
+        event = Event(kind, _capital(text), kart, state, command, official=by, **more)
         self._events.append(event)
 
     def _outcome(self, answer: Answer | None = None, start: Start | None = None) -> Outcome:
@@ -1859,7 +1841,7 @@ lost `send_timeout` after its last answer."""
 NO_RACE_ANYWHERE = 'no race is under way anywhere, and no kart is moving'
 """What an official must state once if race control does not know what happened before."""
 
-NOT_IN_ROSTER = 'no longer in the roster'
+IN_CONTACT = 'in contact with any screen or button that can stop the race'
 
 NO_KART = Kart(0)
 """The kart of a command that is not for one kart. The rules only read it."""
