@@ -43,17 +43,6 @@ TONES = ((880.0, 0.18), (660.0, 0.18), (880.0, 0.18))
 """Frequency (Hz) and length (s) of each tone of the alarm."""
 
 
-def alarm() -> bytes:
-    """Return the sound of the alarm as 16-bit mono samples."""
-    samples = array.array('h')
-    for frequency, length in TONES:
-        count = int(RATE * length)
-        samples.extend(
-            int(24000 * math.sin(2 * math.pi * frequency * n / RATE)) for n in range(count)
-        )
-    return samples.tobytes()
-
-
 class Alarm:
     """
     Plays the alarm in the background, again and again while there is a reason.
@@ -67,6 +56,10 @@ class Alarm:
         self._sounded_at = 0.0
         self._parts = contextlib.ExitStack()
         self._player = next(filter(None, map(shutil.which, PLAYERS)), None)
+        samples = array.array('h')
+        for frequency, length in TONES:
+            turns = (2 * math.pi * frequency * n / RATE for n in range(int(RATE * length)))
+            samples.extend(int(24000 * math.sin(turn)) for turn in turns)
         try:
             folder = self._parts.enter_context(tempfile.TemporaryDirectory(prefix='rcs_gui-'))
             self._file = pathlib.Path(folder, 'alarm.wav')
@@ -74,7 +67,7 @@ class Alarm:
                 out.setnchannels(1)
                 out.setsampwidth(2)
                 out.setframerate(RATE)
-                out.writeframes(alarm())
+                out.writeframes(samples.tobytes())
         except OSError:  # the disk is full: the window must open, so the bell must do
             self._player = None
 

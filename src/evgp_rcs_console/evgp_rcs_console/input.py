@@ -51,16 +51,14 @@ class CommandInput(QtCore.QObject):
         self._all_kill_was_dropped = False
         self._last_sent: Given | None = None
 
-    def kill(self) -> None:
+    def kill(self, repeated: bool = False) -> None:
+        """Send ALL KILL; if a key that is held down repeats it, only if it was dropped."""
+        if repeated and not self._all_kill_was_dropped:
+            return
         self._all_kill_was_dropped = False
         claim = self._signature.claim
         self._give(Given(CommandKind.ALL_KILL, official=claim, waited=self.late.waited))
         self._chosen.clear()
-
-    def hold_kill(self) -> None:
-        """Handle a repeat of a held ALL KILL key: send ALL KILL again if it was dropped."""
-        if self._all_kill_was_dropped:
-            self.kill()
 
     def take_dropped(self, given: Given, why: str) -> None:
         """
@@ -356,7 +354,7 @@ class Keyboard:
         age = self._late.age(event)
         repeated = event.isAutoRepeat()
         if keys.is_kill(_alone(event), event.nativeScanCode()):
-            (self._presses.hold_kill if repeated else self._presses.kill)()
+            self._presses.kill(repeated)
             return True
         name = _name(event)
         stroke = keys.meaning(name)

@@ -9,7 +9,7 @@ If the rows do not all fit, a line of tiles above them keeps all karts in sight.
 
 from __future__ import annotations
 
-from evgp_rcs.words import Cell, Tone
+from evgp_rcs.words import Tone
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.style import FILLS, GAP, LARGE, look, RADIUS, SMALL, TEXT
 from evgp_rcs_console.view import COLUMNS, KART_COMMANDS, MOST_BARS, Row, Screen
@@ -86,7 +86,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
             min(look.px(SMALL - (column != TEAM)), high * 10 // 27), below.tone is Tone.BAD
         )
         if column == SENT:
-            return self._draw_sent(painter, row, room, small, said, below)
+            return self._draw_sent(painter, row, room, small)
         large = font(min(look.px(TEXT), high * 13 // 28), said.tone is not Tone.FAINT)
         if column == LINK:
             large = font(small.pixelSize() + look.px(1), said.tone is Tone.BAD)
@@ -116,29 +116,22 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         fits = draw(painter, upper, said.text, large, ink, LEFT, is_team and high > 40)
         return draw(painter, lower, below.text, small, faint, LEFT, is_long) and fits
 
-    @staticmethod
     def _draw_sent(
-        painter: QtGui.QPainter,
-        row: Row,
-        room: QtCore.QRect,
-        small: QtGui.QFont,
-        said: Cell,
-        below: Cell,
+        self, painter: QtGui.QPainter, row: Row, room: QtCore.QRect, small: QtGui.QFont
     ) -> bool:
         """Draw the state that a kart is sent, and for how long, on stripes until it obeys."""
-        chip, faint = _centred(room, 30), (look.palette.faint, look.palette.raised)
-        ink, fill = faint if said.tone is Tone.FAINT else look.fill(said.tone)
+        chip, faint = _centred(room, 30), self._table.stale or row.sent.tone is Tone.FAINT
+        ink, fill = look.fill(Tone.FAINT if faint else row.sent.tone)
         _box(painter, chip, fill)
-        if row.waits and said.tone is not Tone.FAINT:
+        if row.waits and not faint:
             stripes = QtGui.QColor(255, 255, 255, 70)
             painter.fillRect(chip, QtGui.QBrush(stripes, QtCore.Qt.BrushStyle.BDiagPattern))
         inside = chip.adjusted(look.px(6), 0, -look.px(6), 0)
-        since = QtGui.QFontMetrics(small).horizontalAdvance(below.text) + look.px(2)
-        bold = font(small.pixelSize(), True)
+        since = QtGui.QFontMetrics(small).horizontalAdvance(row.since) + look.px(2)
         left = inside.adjusted(0, 0, -since - look.px(4), 0)
         right = inside.adjusted(inside.width() - since, 0, 0, 0)
-        fits = draw(painter, left, said.text, bold, ink)
-        return draw(painter, right, below.text, small, ink, RIGHT) and fits
+        fits = draw(painter, left, row.sent.text, font(small.pixelSize(), True), ink)
+        return draw(painter, right, row.since, small, ink, RIGHT) and fits
 
     @staticmethod
     def _draw_bars(
