@@ -745,6 +745,7 @@ def test_each_command_to_the_race_says_what_is_and_what_it_waits_for() -> None:
 
     assert said[CommandKind.GRID_ACTIVE] == f'since {time_of_day(RACE.state_since)}'
     assert said[CommandKind.GREEN_GREEN] == waits
+    assert f'GREEN GREEN  {waits}' in table(screen)
     assert said[CommandKind.IN_GARAGE] == 'possible again in 3 s: a stop'
     assert not button_on(screen, CommandKind.IN_GARAGE).enabled  # until race control says so
     assert texts.missing(screen.snapshot) == 'waiting for 8'
