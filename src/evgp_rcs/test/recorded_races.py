@@ -170,7 +170,7 @@ class PaperRace:
         self.batches.append(self.log.take())
         record = Record(path)
         record.put(Batch(0, [Rules(version or rules_version(), self.setup)]))
-        for batch in self.batches:
+        for batch in (each for each in self.batches if each.entries):
             record.put(batch)
             assert len(batch.entries) % 5 or record.write()
         record.end()
