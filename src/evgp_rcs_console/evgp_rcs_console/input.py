@@ -413,7 +413,7 @@ class Keyboard:
         if not question.also.isHidden():
             answers[question.also.key] = question.also
         buttons = list(answers.values())
-        focused = next((each for each in buttons if each.hasFocus()), question.no)
+        focused = next((each for each in buttons if each.hasFocus()), None)
         pressed = answers.get(name)
         if stroke is not None and stroke.window in ('Return', 'Esc'):
             pressed = focused if stroke.window == 'Return' else question.no
@@ -427,8 +427,10 @@ class Keyboard:
         elif pressed is not None:
             self._bottom.say(texts.ANSWER_NO, Tone.WAIT)
         elif name in MOVE_KEYS:
-            other = buttons[(buttons.index(focused) + 1) % len(buttons)]
+            other = buttons[(buttons.index(focused or question.no) + 1) % len(buttons)]
             (other if other.isEnabled() else question.no).setFocus()
+        elif stroke is not None and stroke.window == 'Return':
+            self._press_focused(at)  # a click has moved the focus from the answers to a stop
         elif stroke is not None and (stroke.digit or stroke.window == 'Backspace'):
             self._type(at, stroke.digit)
         elif stroke is not None and stroke.stop and not stroke.asks:
