@@ -79,8 +79,10 @@ class SeenCommands(Aim[Shown]):
 
     def change_to(self, screen: Screen, now: float) -> None:
         """Replace the current screen. Call this before any widget shows the new screen."""
-        before, self.screen = self.screen, screen
-        if before is not None and before.rows and _commands(before) != _commands(screen):
+        # A snapshot without sense fails here, so that keys still send the last screen's stops.
+        before, commands = self.screen, _commands(screen)
+        self.screen = screen
+        if before is not None and before.rows and _commands(before) != commands:
             self.change(self._saw(before), now)
 
     @contextlib.contextmanager
@@ -103,9 +105,8 @@ class SeenCommands(Aim[Shown]):
 
 
 def _commands(screen: Screen) -> list[object]:
-    """Return the commands of the buttons that can move or change, in the order on the screen."""
-    rows = [button for row in screen.rows for button in row.buttons]
-    gives = [button.gives for button in (*rows, screen.track_button, *screen.heats)]
+    """Return the commands of all buttons, in an order that follows their places."""
+    gives = [button.gives for button in (*screen.buttons, *screen.heats)]
     return [(each.command, each.kart, each.heat, each.karts * bool(each.heat)) for each in gives]
 
 

@@ -470,13 +470,15 @@ class Screen:
         """Return the button that reads the roster file again, and the one that applies it."""
         return self.race_button(CommandKind.READ_ROSTER), self.race_button(CommandKind.TAKE_ROSTER)
 
-    def button(self, command: Kind, kart: int = 0) -> Button | None:
+    @property
+    def buttons(self) -> list[Button]:
+        """Return all buttons except those of the heats."""
         buttons = [*self.race, self.msr_button, self.track_button, self.heat_button, *self.rosters]
-        for row in self.rows:
-            if row.number == kart:
-                buttons += (row.finish, *row.buttons)
+        return buttons + [each for row in self.rows for each in (row.finish, *row.buttons)]
+
+    def button(self, command: Kind, kart: int = 0) -> Button | None:
         return next(
-            (each for each in buttons if (each.command, each.kart) == (command, kart)), None
+            (each for each in self.buttons if (each.command, each.kart) == (command, kart)), None
         )
 
     def letter(self, kart: int) -> Button | None:

@@ -1128,6 +1128,19 @@ def test_a_stop_acts_while_a_question_is_open_and_what_changes_ends_the_question
         assert console.commands == [(CommandKind.KART_FINISH, 1)]
 
 
+def test_while_a_snapshot_cannot_be_shown_a_key_sends_the_stops_of_the_last_screen(
+    console: Console,
+) -> None:
+    race = race_of(2)
+    console.tell(race)
+    shown = console.window.seen.screen
+    console.window._latest.take_race(replace(race, state_since=1e30), console.now, False)
+    with pytest.raises(OverflowError):
+        console.window.refresh()
+    assert console.window.seen.screen is shown
+    console.tell(race)
+
+
 def test_what_is_said_of_a_command_leaves_the_bottom_line_once_it_no_longer_holds(
     console: Console,
 ) -> None:
