@@ -123,6 +123,8 @@ class Server:
                 if heard is not self._heard:
                     self._heard = heard
                     self._body.cache_clear()
+                    for each in SHOWS:  # a page that cannot be made ends the board
+                        self._body(each)
                 self._looked.set()  # every viewer that waits looks once
                 self._looked.clear()
                 self._end_visits(at)

@@ -122,6 +122,16 @@ def test_every_message_is_all_there_is_and_one_comes_though_nothing_changes(boar
         assert wait_for(watching, 'REHEARSAL')
 
 
+def test_what_no_page_can_show_ends_the_board() -> None:
+    """The log of requests is silent, so nobody would learn of it."""
+    looks: Any = iter((Heard(), None))
+    with (
+        socket.create_server(('127.0.0.1', 0)) as listening,
+        pytest.raises(AttributeError),
+    ):
+        run(Server(lambda at: next(looks)).run(listening, threading.Event()))
+
+
 def test_a_proxy_that_asks_by_http_1_0_gets_a_stream_too(board: Board) -> None:
     # As nginx does that nobody has told otherwise; it knows no chunks, and must keep nothing back.
     request = 'GET /live/board HTTP/1.0\r\nHost: board\r\nAccept: text/event-stream\r\n\r\n'
