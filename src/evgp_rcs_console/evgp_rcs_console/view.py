@@ -470,11 +470,12 @@ class Screen:
         """Return the button that reads the roster file again, and the one that applies it."""
         return self.race_button(CommandKind.READ_ROSTER), self.race_button(CommandKind.TAKE_ROSTER)
 
-    @property
-    def buttons(self) -> list[Button]:
+    @functools.cached_property
+    def buttons(self) -> tuple[Button, ...]:
         """Return all buttons except those of the heats."""
-        buttons = [*self.race, self.msr_button, self.track_button, self.heat_button, *self.rosters]
-        return buttons + [each for row in self.rows for each in (row.finish, *row.buttons)]
+        others = self.msr_button, self.track_button, self.heat_button, *self.rosters
+        of_karts = (each for row in self.rows for each in (row.finish, *row.buttons))
+        return *self.race, *others, *of_karts
 
     def button(self, command: Kind, kart: int = 0) -> Button | None:
         return next(

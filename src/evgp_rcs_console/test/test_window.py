@@ -1128,7 +1128,7 @@ def test_a_stop_acts_while_a_question_is_open_and_what_changes_ends_the_question
         assert console.commands == [(CommandKind.KART_FINISH, 1)]
 
 
-def test_while_a_snapshot_cannot_be_shown_a_key_sends_the_stops_of_the_last_screen(
+def test_while_a_snapshot_cannot_be_shown_keys_refer_to_the_last_screen(
     console: Console,
 ) -> None:
     race = race_of(2)
