@@ -89,7 +89,7 @@ def test_commands_that_share_a_service_differ_in_a_field_of_the_request_alone(na
     entries = [CATALOGUE[kind] for kind in kinds]
 
     def of_service(entry: Entry) -> tuple[object, ...]:
-        called = entry.service_type, entry.overtakes, entry.needs_journal
+        called = entry.service_type, entry.overtakes
         return *called, fields_of(entry)
 
     assert [of_service(entry) for entry in entries] == [of_service(entries[0])] * len(kinds)
@@ -99,11 +99,11 @@ def test_commands_that_share_a_service_differ_in_a_field_of_the_request_alone(na
     )
 
 
-def test_what_overtakes_is_what_stops_and_none_of_it_loosens_or_waits_for_the_disk() -> None:
+def test_what_overtakes_is_what_stops_and_none_of_it_loosens() -> None:
     overtaking = {kind.name for kind, entry in CATALOGUE.items() if entry.overtakes}
     assert overtaking == {*race_oracle.STOPS, 'RACE_OVER'}
     for entry in CATALOGUE.values():
-        assert not (entry.overtakes and (entry.loosens or entry.needs_journal))
+        assert not (entry.overtakes and entry.loosens)
 
 
 def test_what_takes_a_command_back_can_have_its_button() -> None:

@@ -166,8 +166,7 @@ class Walk:
             ),
             self.now,
         )
-        if outcome.start is not None:
-            self.race.start_saved(True, outcome.start.number, self.now)
+        self.race.saved(self.race.grids)
 
     def questions(self) -> Iterator[Question]:
         """Yield every command that asks and can be given now."""
@@ -225,9 +224,6 @@ def check(question: Question) -> None:
     before = {kart.number: (kart.sent, kart.hold) for kart in race.karts.values()}
 
     outcome = race.command(given(button), now)
-    if outcome.start is not None:
-        outcome = race.start_saved(True, outcome.start.number, now)
-
     assert outcome.answer is not None
     assert outcome.answer.success, outcome.answer.message
     after = {kart.number: (kart.sent, kart.hold) for kart in race.karts.values()}

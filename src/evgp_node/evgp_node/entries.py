@@ -142,8 +142,3 @@ class Entry:
     def is_seen(self) -> bool:
         """Return whether the race shows that it took effect; if not, only its answer does."""
         return self.result != Result() or self.names_heat
-
-    @property
-    def needs_journal(self) -> bool:
-        """Return whether it must be on the disk before race control sends karts anything."""
-        return RaceState.GREEN_GREEN in self.result.race

@@ -129,12 +129,10 @@ PROPERTIES = {
     'pause': 'S: nothing that loosens and came before the end of a pause is accepted',
     'available-from': 'what a pause refuses, and nothing else, is announced with the end of it',
     'start-first': 'S: karts start only once it is on the disk that they may move',
+    'start-memory': 'S: what the disk is given in GRID_ACTIVE says that its karts may move',
     'no-record': 'S: while the record fails, no race starts',
-    'start-other-grid': 'S: a start goes out in the GRID_ACTIVE that it was given in, or not',
-    'start-memory': 'S: while a start waits, a crash leaves what was written for it',
     'nobody-there': 'S: once nobody is there any more, the race is stopped, and none starts',
     'there-acts': 'S: to hear who is there sends no kart anything, and changes nothing',
-    'start-answer': 'a start is answered once: when refused, or when what it waits for is so',
     'restart': 'S: after a restart all is red and closed, and no kart, hold or doubt is forgotten',
     'cut-off': 'S: race control that is cut off knows nothing, and loosens nothing meanwhile',
     'contested': 'S: no race starts with a kart as which two programs connect',
@@ -196,14 +194,6 @@ class KartView(NamedTuple):
         return self.doubt == MOVING
 
 
-class StartView(NamedTuple):
-    """What the oracle sees of a start that waits for the disk."""
-
-    karts: frozenset[int]
-    came: float
-    until: float
-
-
 class ThereView(NamedTuple):
     """
     What the oracle sees of who is there.
@@ -231,7 +221,6 @@ class View(NamedTuple):
     opening: int
     cut: bool
     trouble: bool
-    start: StartView | None
     there: ThereView
     karts: tuple[KartView, ...]
 
@@ -262,7 +251,7 @@ class Facts(NamedTuple):
     What the oracle remembers: of the race, and of each kart.
 
     :param grid_last: GRID_ACTIVE was the last button.
-    :param superseded: the start that waits was given for an earlier GRID_ACTIVE.
+    :param saved: it is on the disk that the karts of this GRID_ACTIVE may move.
     :param heat: the heat that was last put into the race, or at first the only one with its karts;
         None: not looked at.
     :param met: somebody who could stop this race was there, when it began or since.
@@ -272,7 +261,7 @@ class Facts(NamedTuple):
 
     grid_last: bool
     karts: tuple[KartFacts, ...]
-    superseded: bool = False
+    saved: bool = False
     heat: str | None = ''
     met: bool = False
     left: float = 0.0
@@ -283,13 +272,12 @@ class Input(NamedTuple):
     """
     One input: a command, a connection change, something a kart says, or time.
 
-    :param kind: which command; of a journal 'stale' if it is not what the start waits for; of who
-        is there 'fault' if something is wrong with a button.
+    :param kind: which command; of what is on the disk 'stale' if it is of an earlier GRID_ACTIVE;
+        of who is there 'fault' if something is wrong with a button.
     :param serial: of what a kart says.
     :param statement: what is stated; of a lost connection that its link was silent, of a kart that
         two programs connect as it; of a rival that it is there, of the record that it fails, of
-        a journal that it was written, of a link that is measured that it is poor, of who is there
-        that somebody can stop the race.
+        a link that is measured that it is poor, of who is there that somebody can stop the race.
     :param karts: which karts a start or release is for, as the official saw it.
     :param hold: how a kart to be released was held, as the official saw it.
     :param heat: the name of the heat, of a command to put one into the race.
@@ -341,12 +329,10 @@ def look(race: Any) -> View:
             for *fields, inspected in map(_KART, race.karts.values())
         ]
     )
-    start = race.start
     return View(
         *_RACE(race),
         bool(race.cut_off_by),
         bool(race.record_fails),
-        start and StartView(start.command.karts, start.came, start.until),
         ThereView(race.there.able > 0, bool(race.there.button_fault)),
         karts,
     )
@@ -475,8 +461,8 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
         )
         missing = _unfit(view) or missing
         in_time = state is GRID_ACTIVE and facts.grid_last and bool(racing)
-        allowed = in_time and not missing and view.start is None and not view.trouble
-        allowed = allowed and not _nobody(view, facts)
+        allowed = in_time and not missing and not view.trouble
+        allowed = allowed and facts.saved and not _nobody(view, facts)
         return Judgement(allowed, False, missing * (in_time and not view.trouble), numbers)
     if kind == 'RACE_OVER':
         return Judgement(state is not IN_GARAGE)
@@ -558,49 +544,29 @@ def is_paused(view: View, kind: str, came: float) -> bool:
     return kind in LOOSENING and came < view.paused_until
 
 
-def of_start(start: StartView) -> Input:
-    """Return the command that waits."""
-    return Input('command', 'GREEN_GREEN', karts=start.karts, came=start.came)
-
-
-def fate(
+def is_accepted(
     view: View, facts: Facts, given: Input, now: float, opinion: Judgement | None = None
-) -> str:
+) -> bool:
     """
-    Return what becomes of a command, or of a start that waits.
-
-    It is 'accepted', 'refused', or 'waits' until it is on the disk that karts may move. Empty: the
-    input is about neither.
+    Return whether a command is accepted; any other input is.
 
     :param opinion: what ``judge`` says of the command, if that is known.
     """
-    waits = given.what == 'command' and given.kind == 'GREEN_GREEN'
     if given.what != 'command':
-        start = view.start
-        if start is None:
-            return ''
-        if given.what == 'tick':
-            return 'refused' if now >= start.until else ''
-        if given.what != 'journal' or given.kind == 'stale':
-            return ''
-        if not given.statement or facts.superseded:
-            return 'refused'
-        view = view._replace(start=None)
-        given = of_start(start)
+        return True
     opinion = opinion or judge(view, facts, given.kind, given.kart)
     stated = given.statement or not opinion.needs_statement
     late = is_paused(view, given.kind, now if given.came is None else given.came)
-    if late or not (
-        opinion.allowed
+    return (
+        not late
+        and opinion.allowed
         and stated
         and given.kind != 'READ_ROSTER'  # of no kart
         and as_seen(view, given) == given
         and (given.kind != 'SET_HEAT' or given.heat in [heat.name for heat in view.heats])
         and not _is_barred(view, given)
         and not _is_another_finish(facts, view, given)
-    ):
-        return 'refused'
-    return 'waits' if waits else 'accepted'
+    )
 
 
 def finishes(facts: Facts, view: View, number: int) -> list[tuple[str, int, int]]:
@@ -672,29 +638,24 @@ def expect(
     given: Input,
     now: float,
     times: Any,
-    becomes: str = 'accepted',
+    accepted: bool = True,
     abandoned: bool = False,
 ) -> View:
     """
     Return the race after an input, as docs/rules.md has it; serials apart.
 
-    :param becomes: what becomes of the command, or of the start that waits (``fate``).
+    :param accepted: the command, if it is one (``is_accepted``).
     :param abandoned: nobody has been there for too long (``is_abandoned``).
     """
     state, track_open, msr_used, over, past_unknown, unstated, rival, heats = view[:8]
-    starters, paused, opening, cut, trouble, start, there, karts = view[8:]
+    starters, paused, opening, cut, trouble, there, karts = view[8:]
     what, kind, number = given.what, given.kind, given.kart
     if kind in STOPS:
         paused = max(paused, now + times.pause)
     elif what == 'held up':
         paused = max(paused, now + times.pause, now + times.pause_after_stall)
-    if what == 'command' and becomes != 'accepted':
-        if becomes != 'refused':
-            came = now if given.came is None else given.came
-            start = StartView(given.karts, came, now + times.journal_timeout)
-        return view._replace(paused_until=paused, start=start)
-    if start is not None and what != 'command' and becomes:
-        start = None
+    if not accepted:
+        return view._replace(paused_until=paused)
     after = [kart._asdict() for kart in karts]
     mine = [kart for kart in after if kart['number'] == number]
     anew = 0
@@ -731,7 +692,7 @@ def expect(
         there = ThereView(given.statement, kind == 'fault')
     elif what == 'record':
         trouble = given.statement
-    elif what == 'journal' or what in OF_A_LINK:
+    elif what == 'saved' or what in OF_A_LINK:
         pass
     elif what == 'cut off':
         cut = given.statement
@@ -822,7 +783,7 @@ def expect(
     _settle(state, after, anew, now, past_unknown)
     seen = tuple([_kart_view(each.values()) for each in after])
     race = (state, track_open, msr_used, over, past_unknown, unstated, rival, heats)
-    return View(*race, starters, paused, opening, cut, trouble, start, there, seen)
+    return View(*race, starters, paused, opening, cut, trouble, there, seen)
 
 
 def is_cut_off(view: View, given: Input, now: float) -> bool:
@@ -929,25 +890,20 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
 
 
 def learn(
-    before: View, facts: Facts, given: Input, becomes: str, after: View, now: float
+    before: View, facts: Facts, given: Input, success: bool, after: View, now: float
 ) -> Facts:
     """
     Return what the oracle remembers after an input.
 
-    :param becomes: what becomes of the command, or of the start that waits (``fate``).
+    :param success: the command, if it is one, was accepted.
     """
     if after == before and given.what == 'heard':
         return facts
-    grid_last, _, superseded, heat, met, left, race = facts
-    success = becomes == 'accepted'
-    if success and given.what == 'journal':
-        assert before.start is not None
-        given = of_start(before.start)
+    grid_last, _, saved, heat, met, left, race = facts
     if given.what == 'command' and success and given.kind not in NO_BUTTON:
         grid_last = given.kind == 'GRID_ACTIVE'
     gridded = given.kind == 'GRID_ACTIVE' and success and before.state is IN_GARAGE
-    superseded = superseded or (given.kind == 'GRID_ACTIVE' and success)
-    superseded = superseded and after.start is not None and before.start is not None
+    saved = given.kind != 'stale' if given.what == 'saved' else saved and not gridded
     if given.what == 'there':
         met = met or given.statement
         left = now if before.there.able and not given.statement else left
@@ -988,7 +944,7 @@ def learn(
             phase = 2
         ready = ready and kart.sent is GRID_ACTIVE
         karts.append(KartFacts(ready, phase, stood, poor, undone, joined))
-    return Facts(grid_last, tuple(karts), superseded, heat, met, left, race + gridded)
+    return Facts(grid_last, tuple(karts), saved, heat, met, left, race + gridded)
 
 
 # ----- the properties ---------------------------------------------------------------------
@@ -1011,8 +967,8 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
         return race.command(command, now, given.came)
     if given.what == 'held up':
         return race.stalled(2.0, now)
-    if given.what == 'journal':
-        return race.start_saved(given.statement, race.starts - (given.kind == 'stale'), now)
+    if given.what == 'saved':
+        return race.saved(race.memory().grid - (given.kind == 'stale'))
     if given.what == 'connected':
         return race.connected(given.kart, now)
     if given.what == 'disconnected':
@@ -1050,14 +1006,15 @@ def check_input(
     """
     what, kind, number = given.what, given.kind, given.kart
     opinion = judge(before, facts, kind, number) if what == 'command' else None
-    becomes = fate(before, facts, given, now, opinion)
-    waits = outcome.answer is None
-    success = waits or outcome.answer.success
+    accepted = is_accepted(before, facts, given, now, opinion)
+    success = outcome.answer is None or outcome.answer.success
     if after.state is GREEN_GREEN and before.state is not GREEN_GREEN:
         if not facts.grid_last:
             raise RuleBrokenError('green-needs-grid', f'{facts} {before}')
         if before.trouble:
             raise RuleBrokenError('no-record', f'{before}')
+        if not facts.saved:
+            raise RuleBrokenError('start-first', f'{facts} {before}')
         if not all(
             memory.ready and kart.connected
             for kart, memory in zip(before.karts, facts.karts, strict=True)
@@ -1081,10 +1038,10 @@ def check_input(
         late = is_paused(before, kind, now if given.came is None else given.came)
         if success and late and opinion.allowed:
             raise RuleBrokenError('pause', f'{given} in {before}: {outcome.answer}')
-        if success != (becomes != 'refused'):
+        if success != accepted:
             seen = as_seen(before, given) == given
             stated = given.statement or not opinion.needs_statement
-            message = '' if waits else outcome.answer.message
+            message = outcome.answer.message
             name = 'availability' if not opinion.allowed else 'as-seen'
             if success and _is_barred(before, given):
                 raise RuleBrokenError('uninspected', f'{given} in {before}: {outcome.answer}')
@@ -1100,16 +1057,10 @@ def check_input(
             if after != before._replace(paused_until=paused) or outcome.orders:
                 raise RuleBrokenError('refused-changes', f'{given}: {before} became {after}')
             _check_refusal(race, given, opinion, outcome, late)
-            return learn(before, facts, given, becomes, after, now)
-    _check_start(race, before, facts, given, outcome, becomes)
-    started = becomes == 'accepted' and what == 'journal'
-    if started:
-        assert before.start is not None
-        given = of_start(before.start)
-        what, kind = given.what, given.kind
+            return learn(before, facts, given, False, after, now)
     _check_safety(before, facts, given, outcome, after, now, race.times.settle_time)
     _check_cause(race, before, given, outcome, after)
-    memory = learn(before, facts, given, becomes, after, now)
+    memory = learn(before, facts, given, True, after, now)
     if what in ('connected', 'disconnected') and not is_cut_off(before, given, now):
         _check_alarms(
             what,
@@ -1127,8 +1078,7 @@ def check_input(
     if race.nobody_since != (memory.left if _nobody(after, memory) else None):
         raise RuleBrokenError('nobody-there', f'{given}: {race.nobody_since} with {memory}')
     _check_results(before, given, outcome, after)
-    left = before._replace(start=None) if started else before
-    expected = expect(left, given, now, race.times, becomes, abandoned)
+    expected = expect(before, given, now, race.times, True, abandoned)
     for kart, wanted in zip(after.karts, expected.karts, strict=True):
         if kart.sent is not wanted.sent:
             raise RuleBrokenError('sent-wrong', f'{given} in {before}: {kart}, expected {wanted}')
@@ -1147,42 +1097,6 @@ def _is_unknown(view: View) -> bool:
     all_red = all(kart.hold is kart.sent is RED_RED for kart in view.karts)
     open_to_worst = view.past_unknown and view.track_open and not view.msr_used
     return view.state is RED_RED and all_red and open_to_worst
-
-
-def _check_start(
-    race: Any, before: View, facts: Facts, given: Input, outcome: Any, becomes: str
-) -> None:
-    """Check that a start waits for what must be known first, and is answered as it must be."""
-
-    def broken(name: str) -> RuleBrokenError:
-        return RuleBrokenError(name, f'{given} in {before}: {outcome}')
-
-    if (outcome.start is not None) != (becomes == 'waits'):
-        raise broken('start-first')
-    if given.what == 'command':
-        if (outcome.answer is None) != (becomes == 'waits'):
-            raise broken('start-answer')
-        if outcome.answer is None and (outcome.orders or outcome.events):
-            raise broken('start-first')
-    elif outcome.answer is None:
-        if becomes in ('accepted', 'refused'):
-            raise broken('start-answer')
-    elif not becomes:
-        raise broken('start-answer')
-    elif outcome.answer.success != (becomes == 'accepted'):
-        assert before.start is not None
-        name = 'start-answer'
-        if outcome.answer.success:
-            late = is_paused(before, 'GREEN_GREEN', before.start.came)
-            name = 'start-other-grid' if facts.superseded else 'pause' if late else 'start-first'
-        raise broken(name)
-    if outcome.start is not None:
-        written = race.memory()
-        known = [written.karts[kart.number] for kart in before.karts if kart.in_race]
-        started = all(kart.in_race and kart.doubt == MOVING for kart in known)
-        starters = tuple(kart.number for kart in before.karts if kart.in_race)
-        if written.state is not GREEN_GREEN or not started or written.starters != starters:
-            raise broken('restart')
 
 
 def _check_cause(race: Any, before: View, given: Input, outcome: Any, after: View) -> None:
@@ -1434,8 +1348,10 @@ def check_recovery(
         )
         if number in remembered:
             old = remembered[number]
+            may_start = view.state is GRID_ACTIVE and old.in_race
+            doubt = MOVING if may_start else old.doubt
             expected = expected._replace(
-                doubt=old.doubt, held_alone=old.held_alone, lost_since=now if old.doubt else None
+                doubt=doubt, held_alone=old.held_alone, lost_since=now if doubt else None
             )
         if number in remembered and number in roster:
             expected = expected._replace(in_race=old.in_race, place=old.place)
@@ -1544,10 +1460,10 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
             urgent = any(kart.doubt for kart in view.karts)
         if alert.use_msr != (urgent and not view.msr_used):
             raise RuleBrokenError('use-msr', f'{alert} in {view}')
-    if view.start is not None:
+    if view.state is GRID_ACTIVE:
         memory = race.memory()
-        moving = all(memory.karts[number].doubt == MOVING for number in view.start.karts)
-        if memory.state is not GREEN_GREEN or memory.at_rest or not moving:
+        moving = all(memory.karts[k.number].doubt == MOVING for k in view.karts if k.in_race)
+        if memory.grid != facts.race or memory.at_rest or not moving:
             raise RuleBrokenError('start-memory', f'{memory} in {view}')
     if look(race) != view:
         raise RuleBrokenError('alerts-act', f'{view} became {look(race)} by looking')
@@ -1654,7 +1570,7 @@ class Search:
     - who started the race whose results are not told yet: only the telling reads it;
     - the number of the race, and how often a finish was undone: a FINISH names what is shown, or
       something else;
-    - when a pause ended, and when a start came, but for whether the pause refuses it;
+    - when a pause ended, and whether what is on the disk is of an earlier race;
     - which kart is which: no rule knows a number, so states are taken for one if they differ by
       a permutation of the karts. (A heat does know numbers: so here every set of karts is one.)
 
@@ -1681,8 +1597,8 @@ class Search:
     :param uninspected: the karts whose inspection the roster does not have.
     :param without: commands to one kart that are not given.
     :param heats: which heat is in the race is looked at.
-    :param waits: starts wait for the disk, commands come before they are judged, and race control
-        is held up. If not, what a start waits for is so at once, and there is no pause.
+    :param waits: the disk takes its time, commands come before they are judged, and race control
+        is held up. If not, everything is on the disk at once, and there is no pause.
     """
 
     rules: ModuleType
@@ -1721,7 +1637,6 @@ class Search:
                 'red_alert': 1.0,
                 'pause': 1.0 if waits else 0.0,
                 'pause_after_stall': 2.0,
-                'journal_timeout': 1.0,
                 'nobody_there': 2.0,
                 'settle_time': 1.0,
                 **(self.times or {}),
@@ -1758,17 +1673,11 @@ class Search:
         green = state is GREEN_GREEN
         # A race that nobody has started yet, or that is over, does not go over by itself.
         timed = green or (state is RED_FLAG and bool(view.starters))
-        start = view.start
         karts = [
-            self._kart_key(kart, memory, timed, bool(view.starters), now, start)
+            self._kart_key(kart, memory, timed, bool(view.starters), now)
             for kart, memory in zip(view.karts, facts.karts, strict=True)
         ]
         karts.sort()
-        waiting = start is not None and (
-            start.came < view.paused_until,
-            max(start.until - now, 0.0),
-            facts.superseded,
-        )
         missed = state in IN_MOTION and _nobody(view, facts)
         race = (
             RANK[state._value_],
@@ -1782,7 +1691,7 @@ class Search:
             view.cut,
             view.trouble,
             max(view.paused_until - now, 0.0),
-            waiting,
+            facts.saved and state is GRID_ACTIVE,
             view.there.able,
             missed and (max(facts.left + self.times.nobody_there - now, 0.0),),
             facts.heat,
@@ -1796,7 +1705,6 @@ class Search:
         timed: bool,
         untold: bool,
         now: float,
-        start: StartView | None,
     ) -> int:
         red = kart.sent is RED_FLAG or kart.sent is RED_RED
         finishing = timed and kart.in_race
@@ -1826,7 +1734,6 @@ class Search:
             settles,
             memory.ready,
             memory.phase,
-            start is not None and kart.number in start.karts,
         )
         # A number for each, so that a million keys fit into memory.
         return self._names.setdefault(key, len(self._names))
@@ -1895,7 +1802,7 @@ class Search:
         self, view: View, facts: Facts, given: Input, now: float
     ) -> tuple[bool, Facts, View]:
         """
-        Give an input to the rules, and what it waits for if that is to be so at once; check both.
+        Give an input to the rules, and tell them that it is on the disk if that is so at once.
 
         :return: whether it was accepted, or is no command; what is remembered and seen then.
         """
@@ -1904,16 +1811,10 @@ class Search:
         after = look(race)
         facts = check_input(race, view, facts, given, outcome, after, now)
         check_news(self.rules, race, outcome)
-        if after.start is None or self.waits:
-            return outcome.answer is None or outcome.answer.success, facts, after
-        written = race.memory()
-        then = Input('journal', statement=True)
-        ended = give(self.rules, race, then, now)
-        waiting, after = after, look(race)
-        facts = check_input(race, waiting, facts, then, ended, after, now)
-        if outcome.start is not None and race.memory() != written:
-            raise RuleBrokenError('restart', f'{outcome.start} is remembered before {after}')
-        return ended.answer is not None and ended.answer.success, facts, after
+        accepted = outcome.answer is None or outcome.answer.success
+        if given.kind == 'GRID_ACTIVE' and accepted and not (facts.saved or self.waits):
+            _, facts, after = self._take(after, facts, Input('saved'), now)
+        return accepted, facts, after
 
     def _run(self, todo: deque[Key], most: int | None) -> Report:
         while todo:
@@ -1946,8 +1847,7 @@ class Search:
         check_state(race, view, facts, now)
         known = bool(report.states % 3)
         last_run = [*self.rules.LastRun][report.states % 4]
-        if view.start is None:
-            check_recovery(self.rules, race, view, now, known, last_run)
+        check_recovery(self.rules, race, view, now, known, last_run)
         for given, after_time in self._inputs(view, facts, now):
             report.inputs += 1
             accepted, learned, after = self._take(view, facts, given, after_time)
@@ -2037,10 +1937,8 @@ class Search:
                 yield Input('there', kind, statement=able), now
         if self.waits:
             yield Input('held up'), now
-        if view.start is not None:
-            yield Input('journal', 'stale', statement=True), now
-            for written in (True, False):
-                yield Input('journal', statement=written), now
+            yield Input('saved'), now
+            yield Input('saved', 'stale'), now
         yield Input('tick'), now
         yield Input('tick'), now + 1.0
 
@@ -2097,7 +1995,6 @@ class Search:
     def _check_home(self, outcome: Any) -> None:
         view = look(self.race)
         home = view.state is IN_GARAGE and not view.over and not view.msr_used
-        give(self.rules, self.race, Input('journal'), 0.0)  # a start that waits is not home
         if not home or any(kart.hold or kart.sent is not IN_GARAGE for kart in view.karts):
             raise RuleBrokenError('stuck', f'{view}: {outcome.answer}')
         allowed = self.race.track_access().allowed or view.unstated

@@ -61,6 +61,7 @@ class PaperRace:
         self.log = Log()
         self.batches: list[Batch] = []
         self._sequence = itertools.count(1)
+        self._saved = 0
 
     def feed(self, given: inputs.Input) -> Outcome:
         """Feed and log an input, as the kart server does it."""
@@ -71,8 +72,9 @@ class PaperRace:
         if outcome.orders:
             self.log.add(inputs.Ordered(outcome.orders))
         self.tell(outcome.events)
-        if outcome.start is not None:
-            self.feed(inputs.StartSaved(self.now, True, outcome.start.number))
+        if self._saved != self.race.grids:  # what there is to save is on the disk at once
+            self._saved = self.race.grids
+            self.feed(inputs.Saved(self.now, self._saved))
         return outcome
 
     def tell(self, events: Iterable[Event]) -> None:

@@ -74,8 +74,7 @@ class Running:
         self.on_event: Callable[[Event], None] = lambda event: None
         self.failure: BaseException | None = None
         self.remembered: list[RaceMemory] = []
-        self.sure: list[tuple[RaceMemory, int]] = []
-        self.on_saved: Callable[[int, bool], None]
+        self.on_saved: Callable[[int], None]
         self.record_works_at_once = True
         self._shown = 0
         self._shown_at = 0.0
@@ -215,20 +214,8 @@ class Running:
 
     def remember(self, memory: RaceMemory) -> None:
         self.remembered.append(memory)
-
-    def make_sure(self, start: int, memory: RaceMemory, within: float) -> None:
-        with self._news:
-            self.sure.append((memory, start))
-            self._news.notify_all()
         if self.record_works_at_once:
-            self._loop.call_soon(self.on_saved, start, True)
-
-    def wait_for_memory(self) -> tuple[RaceMemory, Callable[[bool], None]]:
-        """Return what a start wants to have on the disk, and what says whether it is."""
-        with self._news:
-            assert self._news.wait_for(lambda: bool(self.sure), TIMEOUT)
-            memory, start = self.sure[-1]
-        return memory, lambda there: self._loop.call_soon_threadsafe(self.on_saved, start, there)
+            self._loop.call_soon(self.on_saved, memory.grid)
 
     def trouble(self) -> str:
         return self.record_trouble
@@ -342,7 +329,7 @@ def grid(run: Run) -> Green:
 
 
 def on_the_grid(running: Running) -> Green:
-    """Have karts 1 and 2 acknowledge GRID_ACTIVE."""
+    """Have karts 1 and 2 acknowledge GRID_ACTIVE, and what the race remembers be saved."""
     one, two = running.connect(1), running.connect(2)
     running.wait_for(EventKind.CONNECTED, 1)
     running.wait_for(EventKind.CONNECTED, 2)
@@ -351,6 +338,7 @@ def on_the_grid(running: Running) -> Green:
         read_until(client, GRID_ACTIVE)
         client.sendall(encode(GRID_ACTIVE))
         running.wait_for(EventKind.ACKNOWLEDGED, number)
+    running.race_was_shown(1)
     return running, one, two
 
 
@@ -596,42 +584,6 @@ def test_a_start_that_waited_while_race_control_was_held_up_is_refused(run: Run)
     assert 'race control stalled for' in answer.message
 
 
-def test_a_start_that_waited_for_the_disk_while_race_control_was_held_up_is_refused(
-    run: Run,
-) -> None:
-    running, one, two = on_the_grid(run(journal_timeout=TIMEOUT))
-    running.record_works_at_once = False
-    starting = running.submit(running.command(CommandKind.GREEN_GREEN))
-    _, done = running.wait_for_memory()
-
-    def hold_up(event: Event) -> None:
-        if event.command is CommandKind.CLOSE_TRACK:
-            done(True)  # its turn comes before the next beat
-            time.sleep(STALL + 0.1)
-
-    running.on_event = hold_up
-    running.give(CommandKind.CLOSE_TRACK)
-    assert not starting.result(TIMEOUT).success
-    running.give(CommandKind.ALL_KILL)
-    for client in (one, two):
-        assert encode(GREEN_GREEN) not in read_until(client, RED_RED)
-
-
-def test_a_start_that_waits_too_long_for_the_disk_does_not_go_out(
-    ready: Green, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    running, _, _ = ready
-    starting = running.submit(running.command(CommandKind.GREEN_GREEN))
-    _, done = running.wait_for_memory()
-    monkeypatch.setattr(kart_server, 'ANSWER_TIMEOUT', 0.0)
-    done(True)
-    refused = running.wait_for(EventKind.COMMAND, count=2)[-1]
-    assert (refused.command, refused.success) == (CommandKind.GREEN_GREEN, False)
-    assert not starting.result(TIMEOUT).success
-    running.race_was_shown(1)
-    assert running.remembered[-1].state is GRID_ACTIVE
-
-
 def test_a_kart_that_never_reads_is_dropped_and_the_others_are_not(run: Run) -> None:
     running = run(beat_rate=2000.0)
     running.connect(1, receive_buffer=1024)
@@ -734,79 +686,36 @@ def test_a_command_that_waits_when_the_server_stops_is_answered_with_use_the_msr
     assert 'use the MSR' in answers[0].message
 
 
-# ----- a start waits for the record, and nothing waits for a start -------------------------
+# ----- GREEN_GREEN needs the record, and no stop does ---------------------------------------
 
 
-@pytest.fixture
-def ready(run: Run) -> Green:
-    """Return a race whose karts are ready, and whose record may take as long as it needs."""
-    race = on_the_grid(run(journal_timeout=TIMEOUT))
-    race[0].record_works_at_once = False
-    return race
-
-
-def test_a_start_goes_out_once_the_disk_knows_that_karts_may_move(ready: Green) -> None:
-    running, one, _ = ready
-    starting = running.submit(running.command(CommandKind.GREEN_GREEN))
-    memory, done = running.wait_for_memory()
-    assert memory.state is GREEN_GREEN
-    assert memory.karts[1].doubt is Doubt.MOVING
-    assert running.race.state is GRID_ACTIVE
-    done(True)
-    assert starting.result(TIMEOUT).success
-    read_until(one, GREEN_GREEN)
-
-
-def test_what_stops_is_not_behind_a_start_that_waits_for_the_disk_and_cancels_it(
-    ready: Green,
-) -> None:
-    running, one, two = ready
-    starting = running.submit(running.command(CommandKind.GREEN_GREEN))
-    _, done = running.wait_for_memory()
-    assert running.give(CommandKind.ALL_KILL).success
-    done(True)
-    assert not starting.result(TIMEOUT).success
-    for client in (one, two):
-        assert encode(GREEN_GREEN) not in read_until(client, RED_RED)
-
-
-def test_nothing_older_takes_the_place_of_what_a_start_has_written(ready: Green) -> None:
-    running, _, _ = ready
-    starting = running.submit(running.command(CommandKind.GREEN_GREEN))
-    memory, done = running.wait_for_memory()
-    before = len(running.remembered)
-    running.give(CommandKind.CLOSE_TRACK)  # something that is told, and remembered at other times
-    running.race_was_shown(2)
-    assert all(each == memory for each in running.remembered[before:])
-    done(True)
-    assert starting.result(TIMEOUT).success
-    running.race_was_shown(1)
-    assert running.remembered[-1].state is GREEN_GREEN
-
-
-def test_a_start_that_the_disk_does_not_take_is_refused_until_the_record_works(
-    ready: Green,
-) -> None:
-    running, one, _ = ready
-    starting = running.submit(running.command(CommandKind.GREEN_GREEN, None, False))
-    _, done = running.wait_for_memory()
-    running.record_trouble = 'the disk is full'
-    done(False)
-    assert not starting.result(TIMEOUT).success
-    assert not running.give(CommandKind.GREEN_GREEN, None, False).success
-    assert running.race.state is GRID_ACTIVE
-    running.record_trouble = ''
-    running.record_works_at_once = True
-    running.race_was_shown(2)
-    assert running.give(CommandKind.GREEN_GREEN).success
-    read_until(one, GREEN_GREEN)
-
-
-def test_a_start_that_would_be_refused_does_not_wait_for_the_disk(run: Run) -> None:
+def test_karts_start_only_once_the_disk_knows_that_they_may_move(run: Run) -> None:
     running = run()
     running.record_works_at_once = False
+    running, one, two = on_the_grid(running)
     assert not running.give(CommandKind.GREEN_GREEN).success
-    assert running.sure == []
+    memory = running.remembered[-1]
+    assert memory.karts[1].doubt is memory.karts[2].doubt is Doubt.MOVING
+    running.record_trouble = 'the disk is full'
+    running._loop.call_soon_threadsafe(running.on_saved, memory.grid)
+    running.race_was_shown(2)
+    assert not running.give(CommandKind.GREEN_GREEN).success
+    running.record_trouble = ''
+    running.race_was_shown(2)
+    assert running.give(CommandKind.GREEN_GREEN).success
+    for client in (one, two):
+        read_until(client, GREEN_GREEN)
+
+
+def test_a_stop_does_not_wait_for_the_disk_and_nothing_starts_after_it(run: Run) -> None:
+    running = run()
+    running.record_works_at_once = False
+    running, one, two = on_the_grid(running)
+    assert running.give(CommandKind.ALL_KILL).success
+    running._loop.call_soon_threadsafe(running.on_saved, running.remembered[-1].grid)
+    assert not running.give(CommandKind.GREEN_GREEN).success
+    for client in (one, two):
+        assert encode(GREEN_GREEN) not in read_until(client, RED_RED)
 
 
 # ----- the ROS half ------------------------------------------------------------------------

@@ -71,8 +71,6 @@ WORLDS = {
     'silence outside': world(10, 1, 1, silence=True, then=(*ONE_SILENT, ON_THE_GRID)),
     'unknown outside': world(150, 0, 1, 'unknown', times={'settle_time': 2.0}),
     'waits': world(150, 1, 1, 'grid', waits=True, times=AT_ONCE),
-    'a start alone': world(300, 1, 0, 'grid', waits=True, track=False, without=ALL_OF_ONE),
-    'waits around': world(150, 1, 0, 'grid', waits=True, around=True),
     'held up': world(
         200, 0, 1, 'unknown', waits=True, without=ALL_OF_ONE, times={'settle_time': 2.0}
     ),
@@ -86,9 +84,6 @@ WORLDS = {
     'people in green': world(100, 1, 0, 'green', people=True, then=(ANNA,)),
     'nobody told': world(
         60, 1, 0, 'green', people=True, then=(ANNA,), times={'nobody_there': 0.0}
-    ),
-    'a start with people': world(
-        60, 1, 0, 'grid', people=True, waits=True, then=(ANNA,), without=ALL_OF_ONE
     ),
     'an abandoned grid': world(
         30, 1, 0, 'grid', people=True, waits=True, then=(ANNA, NOBODY), without=ALL_OF_ONE
@@ -236,7 +231,6 @@ the order of FINISH is told again with every RACE_OVER: results _report_order_of
 the order of FINISH leaves out who did not finish: results _report_order_of_finish: place not => it
     and each.in_race
 a restart forgets that the order of FINISH was never told: restart recover: memory starters => ()
-a crash as the race starts forgets who started: restart memory: starters or => self.starters
 a kart that is held is given a place: availability _refusals: skips hold
 an unanswered stop leaves no doubt: doubt-unnoticed, alarm-cleared _redirect: _covered_by_statement
     not => state is GREEN_GREEN and it
@@ -296,7 +290,7 @@ a stop that names another race is refused: stop-refused _misnamed: without KART_
 a stop is refused while another race control runs: availability, stop-refused _refusals: kind
     has_rival => self.has_rival
 another race control raises no alert: alerts _current_alerts: has_rival => it and self.record_fails
-a race starts without a record: no-record, availability, start-answer, start-first _no_race: never
+a race starts without a record: no-record, availability _no_race: never
     record_fails
 a failing record raises no alert: alerts _current_alerts: record_fails #1 => it and self.has_rival
 a release is taken right behind a stop: effect, pause, available-from command: skips _pause
@@ -316,25 +310,13 @@ a stop cuts the pause short that a delay began: pause, available-from, effect [w
 a pause is not announced: available-from availability: available_from => None
 what the rules refuse is announced for the end of the pause: available-from availability: kind
     reason => Availability(kind, False, reason, '', self.paused_until)
-karts start before it is on the disk: start-first command: kind refusal => refusal or
-    self.record_fails or True
-a start that the disk did not take goes out: start-first, start-answer _end_of_start: never saved
-    not
-a start waits for the disk for ever: start-answer, start-first tick: until => it + 9.0
-a start that was stopped meanwhile goes out when it is on the disk: green-needs-grid,
-    green-needs-acks, start-first, start-other-grid, pause, no-record [waits] _end_of_start: came
-    command => '' if saved else self.record_fails
-a start that waited while race control was held up goes out: pause [waits] _end_of_start: came =>
-    now + 9.0
-what was written for another start starts karts: start-answer, start-first start_saved: start !=
-    => self.start.number < number
-a second GREEN_GREEN takes the place of the one that waits: availability _refusals: never start
-a stop while a start waits is all that a crash leaves: start-memory memory: GREEN_GREEN starting =>
-    it if self.state is GRID_ACTIVE else self.state
-while a start waits a crash leaves the race on the grid: restart memory: GREEN_GREEN starting
-    => self.state
-a start that is refused is waited for all the same: effect _end_of_start: instead of start None: if
-    saved: ¶> self.start = None
+karts start before it is on the disk: start-first, availability [waits] _refusals: never _saved_grid
+what was written for an earlier grid lets karts start: start-first, availability [waits] _refusals:
+    _saved_grid grids => not self._saved_grid
+a new grid is taken to be on the disk: start-first, availability [waits] _grid_active: after grids
+    #1: self._saved_grid = self.grids
+what is on the disk does not count: availability, stuck saved: skips _saved_grid
+what is written does not say for which grid: start-memory memory: grids => 0
 a restart forgets the karts that left the roster: restart recover: always held not
 a restart does not name the karts that left the roster: restart recover: skips _add_event
 a restart forgets a stop that was left unanswered: restart recover: before held_alone: kart.doubt =
@@ -345,8 +327,8 @@ a restart forgets who was held alone: restart recover: skips held_alone
 a restart that knows nothing begins in IN_GARAGE: restart recover: at_rest UNKNOWN => last_run is
     not LastRun.UNKNOWN or memory is None
 a restart goes on where the race was: restart _lose_track: skips _hold
-what is on the disk before GREEN_GREEN does not say that karts will move: restart memory: MOVING =>
-    kart.doubt
+what is on the disk before GREEN_GREEN does not say that karts will move: start-memory, restart
+    memory: MOVING => kart.doubt
 a kart without an inspection may join: uninspected, availability [uninspected outside] _refusals:
     _uninspected kart => ''
 a kart without an inspection may start: uninspected, availability [uninspected] _refusals:
@@ -457,10 +439,6 @@ GREEN_GREEN without a record: availability, no-record _no_race: record_fails #1 
     self.state is not GRID_ACTIVE
 GRID_ACTIVE without a record: availability _no_race: record_fails #1 => it and self.state is not
     IN_GARAGE
-a record that fails while a start waits does not stop it: start-first, no-record [waits around]
-    _end_of_start: instead of came: trouble = self.record_fails ¶ if saved:
-    ¶> self.record_fails = '' ¶ refusal = self._refusal_of(start.command, start.came) ¶
-    self.record_fails = trouble
 an orderly end forgets that the track was open: restart memory: track_open => False
 a start after it does: restart recover: skips _count_opening
 a release that was sent before a restart undoes it: restart _lose_track: instead of _pause: if not
@@ -522,7 +500,6 @@ the MSR is asked for when it was used: use-msr alerts: without msr_used
 the MSR is not asked for when a kart is lost in motion: use-msr MSR_ALERTS: without LOST_IN_MOTION
 a track that officials opened is closed by a stop: effect, stop-idempotent _all_kill: after _hold:
     self.track_open = False
-a start goes out to a later grid: start-other-grid [a start alone] _grid_active: skips start
 a race goes home from the grid with a kart that may be moving: availability _refusals: without
     may_be_moving
 a race goes home from the grid with a kart that has an unanswered stop: availability _refusals:
@@ -572,10 +549,6 @@ a screen that is back starts the race again: there-acts, red-to-green, green-onl
     self.nobody_since is not None and self.state is RED_FLAG: ¶> self._go(GREEN_GREEN, now, 'back')
 GREEN_GREEN while nobody is there any more: nobody-there, availability [people on the grid]
     _refusals: never nobody_since
-a start that waits goes out when the last screen has gone: nobody-there, start-first, start-answer
-    [a start with people] _end_of_start: instead of came: since = self.nobody_since ¶
-    self.nobody_since = None ¶ refusal = self._refusal_of(start.command, start.came) ¶
-    self.nobody_since = since
 a release that was sent before race control stopped the race is taken: effect, available-from,
     pause [an abandoned grid] tick: skips _pause
 that nobody is there raises no alert: alerts [people in green] _current_alerts: _unattended_since (
@@ -588,9 +561,6 @@ RED_FLAG to a kart outside the race takes the place of the hold of ALL_KILL: sto
 the race starts by itself when every kart is on the grid: green-only-by-command [grid]
     _report_all_answered: before waited_for #1: if all(each.acknowledged for each in self.racing())
     and self.state is GRID_ACTIVE: ¶> self._go(GREEN_GREEN, self.state_since, 'all are ready')
-a start goes out though a kart took its acknowledgement back while it waited: green-needs-acks
-    [waits] _end_of_start: instead of came: refusal = self._refusal_of(start.command, start.came) ¶
-    if refusal.startswith('waiting for'): ¶> refusal = ''
 GREEN_GREEN starts the karts outside the race as well: red-to-green [grid] _green_green: first: for
     each in self.karts.values(): ¶> each.in_race = True
 a connection that comes back ends the alarm of its loss: alarm-cleared connected: first: if not
@@ -601,9 +571,6 @@ IN_GARAGE releases every kart that stands, whatever it announced: alone-released
 the grid forms again when another race control has ended: rival [around] rival: first: if not
     present and self.has_rival and self.state is IN_GARAGE: ¶> self._go(GRID_ACTIVE, now, 'it has
     ended')
-a start goes out with a kart as which two programs connected while it waited: contested [network
-    and pauses] _end_of_start: instead of came: refusal = self._refusal_of(start.command,
-    start.came) ¶ if 'two programs' in refusal: ¶> refusal = ''
 """
 )
 """Each fault under what it would mean on the track."""

@@ -44,11 +44,9 @@ TIMES = st.builds(
     red_alert=st.floats(0.0, 20.0),
     pause=st.floats(0.0, 10.0),
     pause_after_stall=st.floats(0.0, 10.0),
-    journal_timeout=st.floats(0.0, 5.0),
     settle_time=st.floats(0.0, 10.0),
     nobody_there=st.just(0.0) | st.floats(0.0, 20.0),
 )
-OF_A_START = st.sampled_from(('written', 'written', 'written', 'failed', ''))
 
 
 class Races(RuleBasedStateMachine):
@@ -121,12 +119,6 @@ class Races(RuleBasedStateMachine):
         self.let_the_pause_pass()
         self.let_pass(self.race.times.settle_time)
 
-    def let_become_of_a_start(self, what: str) -> None:
-        if self.race.start is None:
-            return
-        if what:
-            self.give(oracle.Input('journal', statement=what == 'written'))
-
     # ----- officials ----------------------------------------------------------------------
 
     @rule(kind=st.sampled_from(oracle.RACE_COMMANDS), statement=st.booleans(), heat=HEATS)
@@ -191,14 +183,13 @@ class Races(RuleBasedStateMachine):
         stop_short=st.sampled_from((0, 0, 0, 1, 2)),
         between=st.sampled_from(('', '', '', 'disconnected', 'KART_RED_FLAG')),
         kart=KARTS,
-        then=OF_A_START,
+        saved=st.sampled_from(('', '', '', 'stale', None)),
     )
     def bring_a_race_under_way(
-        self, joining: set[int], stop_short: int, between: str, kart: int, then: str
+        self, joining: set[int], stop_short: int, between: str, kart: int, saved: str | None
     ) -> None:
         self.give(oracle.Input('rival', statement=False))
         self.give(oracle.Input('record', statement=False))
-        self.give(oracle.Input('journal'))
         for number, each in self.race.karts.items():
             self.give(oracle.Input('contested', '', number))
             if not each.connected:
@@ -226,8 +217,9 @@ class Races(RuleBasedStateMachine):
         elif between:
             self.give(oracle.Input('command', between, kart))
         self.give(oracle.Input('tick'))
+        if saved is not None:
+            self.give(oracle.Input('saved', saved))
         self.give(oracle.Input('command', 'GREEN_GREEN', statement=True))
-        self.let_become_of_a_start(then)
 
     @precondition(lambda self: self.race.state is RaceState.GREEN_GREEN)
     @rule(kart=KARTS, named=st.integers(0, 4), undo=st.booleans(), step=st.floats(0.0, 12.0))
@@ -281,10 +273,7 @@ class Races(RuleBasedStateMachine):
         """Nothing moves after it; unless all was home, every kart is held."""
         left, heat = self.race, self.facts.heat
         before = oracle.look(left)
-        # Of a race that crashed while a start waited, it knows what was written for the start.
-        started = left.start.command.karts if left.start is not None else frozenset()
-        if not started:
-            oracle.check_recovery(rules, left, before, self.now, known, last_run)
+        oracle.check_recovery(rules, left, before, self.now, known, last_run)
         karts = [rules.Kart(number, in_race=number == 1) for number in left.karts]
         self.race = rules.Race(karts, left.times, self.now, left.heats, oracle.RUN)
         memory = left.memory() if known else None
@@ -293,14 +282,13 @@ class Races(RuleBasedStateMachine):
         view = oracle.look(self.race)
         if view.state is RaceState.IN_GARAGE:
             assert last_run is not rules.LastRun.UNKNOWN
-            assert not known or (before.state is RaceState.IN_GARAGE and not started)
+            assert not known or before.state is RaceState.IN_GARAGE
             self.facts = oracle.remember(view)
         else:
             assert view.state is RaceState.RED_RED
             assert view.track_open
             for kart in view.karts:
                 assert kart.hold is kart.sent is RaceState.RED_RED
-                assert kart.moving or not known or kart.number not in started
             self.facts = oracle.recall(view, heat if known else '')
         oracle.check_state(self.race, view, self.facts, self.now)
 
@@ -330,15 +318,9 @@ class Races(RuleBasedStateMachine):
     def race_control_is_held_up(self) -> None:
         self.give(oracle.Input('held up'))
 
-    @precondition(lambda self: self.race.start is not None)
-    @rule(what=OF_A_START)
-    def something_becomes_of_a_start(self, what: str) -> None:
-        self.let_become_of_a_start(what)
-
-    @precondition(lambda self: self.race.start is not None)
-    @rule(written=st.booleans())
-    def the_disk_tells_of_an_earlier_start(self, written: bool) -> None:
-        self.give(oracle.Input('journal', 'stale', statement=written))
+    @rule(of=st.sampled_from(('', '', 'stale')))
+    def something_is_on_the_disk(self, of: str) -> None:
+        self.give(oracle.Input('saved', of))
 
     @rule(
         kind=st.sampled_from(oracle.LOOSENING),

@@ -377,7 +377,7 @@ def write_and_die(path: pathlib.Path) -> None:
     record = Record(path)
     record.put(Batch(0, [Rules(rules_version(), paper.setup)]))
     record.put(paper.log.take())
-    record.remember(paper.race.memory(), durable=True)
+    record.remember(paper.race.memory())
     os._exit(0 if record.write() else 1)
 
 

@@ -92,7 +92,7 @@ def put(record: Record, *entries: Entry, first: int = 0) -> None:
 
 def have_written(record: Record, memory: RaceMemory) -> None:
     """Have this on the disk for the next run."""
-    record.remember(memory, durable=True)
+    record.remember(memory)
     assert record.write()
 
 
@@ -277,7 +277,7 @@ def test_a_full_disk_is_said_until_there_is_room_and_no_event_is_lost(
     ballast = filled(small_disk)
     count = 1000
     record.put(Batch(1, [event(n, f'event {n} ' + 100 * 'x') for n in range(2, count + 1)]))
-    record.remember(RACING, durable=True)
+    record.remember(RACING)
     assert not record.write()
     assert record.error == 'database or disk is full'
     ballast.unlink()
@@ -339,7 +339,7 @@ def test_what_goes_into_a_record_that_was_moved_away_is_not_on_the_disk_until_it
     away = path.rename(path.with_name('away'))
     if replaced:
         path.touch()
-    record.remember(RACING, durable=True)
+    record.remember(RACING)
     assert not record.write()
     assert 'moved' in record.error
     away.replace(path)

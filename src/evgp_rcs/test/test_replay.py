@@ -108,13 +108,11 @@ class Running(PaperRace):
                 inputs.Rival(self.now, not self.race.has_rival),
                 inputs.Attended(self.now, Attendance(self.chance.randrange(3), 'Anna (window)')),
                 inputs.RecordTrouble(self.now, '' if self.race.record_fails else 'it fails'),
-                inputs.StartSaved(self.now, False, self.race.starts),
+                inputs.Saved(self.now, self.race.grids - 1),
             )
             return self.chance.choice(rare)
-        if self.race.start is not None:
-            saved = self.chance.random() < 0.9
-            number = self.race.starts - (self.chance.random() < 0.1)
-            return inputs.StartSaved(self.now, saved, number)
+        if self.race.state is RaceState.GRID_ACTIVE and what < 0.65:
+            return inputs.Saved(self.now, self.race.grids)
         return self.any_command(kart.number)
 
     def any_command(self, kart: int) -> inputs.Input:

@@ -74,7 +74,7 @@ def test_each_copy_of_a_record_that_is_being_written_is_one_moment_of_it(
             new = [happened(next(numbers)) for _ in range(10)]
             record.put(Batch(new[0].sequence - 1, new))
             # Some go into the file itself: its two files change at once.
-            record.remember(RaceMemory(RaceState.IN_GARAGE, {}), durable=True)
+            record.remember(RaceMemory(RaceState.IN_GARAGE, {}))
             assert record.write(), record.error
             begun.set()
         record.end()

@@ -142,7 +142,6 @@ def _recorded(replay: Replay) -> tuple[dict[int, list[_Connection]], list[_Judge
     connections: dict[int, list[_Connection]] = defaultdict(list)
     present: dict[int, _Connection] = {}
     commands: list[_Judged] = []
-    starting: _Judged | None = None
     at = -math.inf
     for entry, _, outcome, _ in replay.steps():
         if isinstance(entry, StampedEvent) and entry.event.kind is EventKind.ENDED:
@@ -162,9 +161,6 @@ def _recorded(replay: Replay) -> tuple[dict[int, list[_Connection]], list[_Judge
             present[entry.kart].counted.append((entry.state, ordered, at))
         elif isinstance(entry, inputs.Commanded):
             commands.append(_Judged(at, entry.command, outcome.answer))
-            starting = commands[-1] if outcome.answer is None else starting
-        elif isinstance(entry, inputs.StartSaved) and starting and outcome.answer is not None:
-            starting.answer, starting = outcome.answer, None
         for order in outcome.orders:
             if order.kart in present:
                 present[order.kart].order(at, order.state, order.serial)

@@ -41,8 +41,7 @@ if TYPE_CHECKING:
 
 ANSWER_TIMEOUT = 4.0
 """Maximum time that an official's call waits for its answer, in seconds. After that, only stops
-still take effect. A working kart server needs at most `RaceTimes.journal_timeout`. A kart server
-that hangs is killed before this time has passed."""
+still take effect. A kart server that hangs is killed before this time has passed."""
 
 PAIR_BYTES = 65536
 """Maximum number of bytes read from a pair at a time."""
@@ -173,19 +172,7 @@ class Failed:
     text: str
 
 
-# ----- from the kart server to the record, besides inputs.Batch -------------------------------
-
-
-class Remember(NamedTuple):
-    """
-    A memory to save for the next run.
-
-    :param start: number of the start that waits until the memory is on the disk, or writing it has
-        failed. 0 if none waits.
-    """
-
-    memory: RaceMemory
-    start: int = 0
+# ----- from the kart server to the record, besides inputs.Batch and RaceMemory ----------------
 
 
 @dataclass(frozen=True)
@@ -225,13 +212,12 @@ class Written(NamedTuple):
 
     :param batches: number of batches that have reached the disk since the last such message.
     :param error: why the record is failing, as a phrase. Empty if it works.
-    :param starts: the starts (`Remember.start`) whose memories are now on the disk or, if there is
-        an error, could not be written.
+    :param grid: `RaceMemory.grid` of the last memory that is on the disk; 0 if there is none.
     """
 
     batches: int
     error: str
-    starts: tuple[int, ...]
+    grid: int
 
 
 # ----- bytes ----------------------------------------------------------------------------------

@@ -36,7 +36,6 @@ from evgp_rcs.karts.channel import (
     pack,
     PAIR_BYTES,
     Refused,
-    Remember,
     Unpacker,
     Written,
 )
@@ -63,8 +62,8 @@ class RecordProcess:
     :param mark: the file of the mark (see ``run_mark.place``).
     :param run: id of the run. If it is empty, the record makes one up.
     :ivar opened: what the process has found at its start.
-    :ivar on_saved: called in the loop with the number of a start, and whether the memory that it
-        waits for is on the disk (`make_sure`).
+    :ivar on_saved: called in the loop with the GRID_ACTIVE (`RaceMemory.grid`) of the last memory
+        that is on the disk, when this number changes.
     :raises RecordError: if the record cannot be used, for example because another race control
         that is running uses one of the files.
     """
@@ -85,9 +84,8 @@ class RecordProcess:
         self._lost = 0
         self._full = False
         self._caught_up_at = time.monotonic()
-        # Since when each start waits for its memory, and for how long it may wait, in seconds.
-        self._starts: dict[int, tuple[float, float]] = {}
-        self.on_saved: Callable[[int, bool], None] = lambda start, saved: None
+        self._saved = 0
+        self.on_saved: Callable[[int], None] = lambda grid: None
         self._remembered: RaceMemory | None = None
         try:
             opened = self._end.first()
@@ -125,34 +123,20 @@ class RecordProcess:
         # If the process hangs, the memory waits until the process continues.
         if memory != self._remembered and self._end.unsent <= MOST_UNWRITTEN_BYTES:
             self._remembered = memory
-            self._end.send(pack(Remember(memory)))
-
-    def make_sure(self, start: int, memory: RaceMemory, within: float) -> None:
-        """
-        Save this memory for the next run, and call `on_saved` once it is on the disk.
-
-        If the record fails, `on_saved` says so. If this remains unknown, it is never called.
-
-        :param start: number of the start that waits for the memory.
-        :param within: maximum time to reach the disk, in seconds. After that, the record fails
-            until the memory is on the disk.
-        """
-        self._starts[start] = time.monotonic(), within
-        self._remembered = memory
-        self._end.send(pack(Remember(memory, start)))
+            self._end.send(pack(memory))
 
     def look(self) -> None:
         """Read the messages that the process has sent."""
-        for batches, error, starts in self._end.receive():
+        for batches, error, grid in self._end.receive():
             for _ in range(batches):
                 events, size = self._unwritten.popleft()
                 self._events -= events
                 self._bytes -= size
             self._error = error
             self._full &= bool(self._unwritten)
-            for start in starts:
-                del self._starts[start]
-                self.on_saved(start, not error)
+            if grid != self._saved:
+                self._saved = grid
+                self.on_saved(grid)
 
     def trouble(self) -> str:
         """Return why the record is failing, as a sentence for officials. Empty if it works."""
@@ -163,8 +147,8 @@ class RecordProcess:
         reason = self._error
         if self._end.gone:
             reason = 'its process has ended. Restart race control when no kart is on the track'
-        elif not reason and (slow_for := self._slow_for(now)):
-            reason = f'nothing could be written for {slow_for:.0f} s'
+        elif not reason and now - self._caught_up_at > SLOW:
+            reason = f'nothing could be written for {now - self._caught_up_at:.0f} s'
         elif not reason and self._full:
             reason = 'events come faster than the disk can write them'
         if not reason:
@@ -172,13 +156,6 @@ class RecordProcess:
         lost = f', {self._lost} are lost' if self._lost else ''
         wait = 'event waits' if self._events == 1 else 'events wait'
         return f'The record {self._path} fails: {reason}; {self._events} {wait}{lost}'
-
-    def _slow_for(self, now: float) -> float:
-        """Return the time without a write to the disk, in seconds; 0 if it is not too long."""
-        waits = [now - self._caught_up_at] if now - self._caught_up_at > SLOW else []
-        # A start that waited too long has been refused, but the disk may still not be ready.
-        waits += [now - since for since, within in self._starts.values() if now - since >= within]
-        return max(waits, default=0.0)
 
     def end(self, timeout: float, ends_as: LastRun) -> None:
         """
@@ -244,7 +221,7 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
     end.sendall(pack(Opened(record.left_behind, mark.last_run, mark.why, told)))
     unpacker = Unpacker()
     batches = 0  # not written yet
-    starts: list[int] = []  # whose memories are not on the disk yet
+    grid = saved = 0  # of the last memory, and of the last one on the disk
     while True:
         if select.select([end], [], [], min(mark.due_in(), record.due_in()))[0]:
             try:
@@ -258,9 +235,9 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
                 if isinstance(message, Batch):
                     batches += 1
                     record.put(message)
-                elif isinstance(message, Remember):
-                    record.remember(message.memory, bool(message.start))
-                    starts += [message.start] if message.start else []
+                elif isinstance(message, RaceMemory):
+                    record.remember(message)
+                    grid = message.grid
                 else:
                     assert isinstance(message, Ended)
                     record.end()
@@ -269,12 +246,11 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
         tried = record.due_in() <= 0
         written = 0
         if tried and record.write():
-            written, batches = batches, 0
+            written, batches, saved = batches, 0, grid
         if mark.due_in() <= 0:
             mark.keep()
         fails = record.error or mark.error
-        if tried or fails != told or (fails and starts):
+        if tried or fails != told:
             told = fails
             with contextlib.suppress(ConnectionError):  # the kart server has ended
-                end.sendall(pack(Written(written, fails, tuple(starts))))
-            starts.clear()
+                end.sendall(pack(Written(written, fails, saved)))

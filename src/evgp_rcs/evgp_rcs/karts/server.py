@@ -190,15 +190,13 @@ class KartServer:
         self._ros_half = ros_half
         self._ros_half_heard_at = math.inf  # nothing is expected of it yet
         self._record = record
-        record.on_saved = self._journal
+        record.on_saved = self._note_saved
         self._log = inputs.Log()
         self._left_behind = left_behind
         self._first_events = () if left_behind is None else self._feed(left_behind).events
         self._links: dict[int, KartLink] = {}
         self._stops: deque[Waiting] = deque()
         self._commands: deque[Waiting] = deque()
-        # The start that is waiting for the record and has not been answered yet.
-        self._starting: Waiting | None = None
         self._sequence = itertools.count(1)
         self._gathered: list[StampedEvent] = []
         self._refusals = _Allowance(5)
@@ -325,13 +323,10 @@ class KartServer:
         )
 
     def _refuse_the_rest(self) -> None:
-        starting, self._starting = self._starting, None
-        for waiting in (*self._stops, *self._commands, starting):
-            if waiting is not None:
-                waiting.answered(_ENDING)
+        for waiting in (*self._stops, *self._commands):
+            waiting.answered(_ENDING)
         self._stops.clear()
         self._commands.clear()
-        self._withdraw_start()
 
     def _beat(self, due: float) -> None:
         if self._closing.is_set():
@@ -368,8 +363,6 @@ class KartServer:
             self._hear(message)
         if self._ros_half.gone:
             self.end(RosHalfGoneError(f'is gone: {self._ros_half.gone}'))
-        if self._starting is not None and self._starting.is_late(self.now()):
-            self._withdraw_start()
         while self._stops or self._commands:
             now = self.now()
             self._notice_stall(now)
@@ -406,22 +399,10 @@ class KartServer:
         else:
             raise TypeError(f'the ROS half sent {message!r}')
 
-    def _journal(self, start: int, saved: bool) -> None:
-        """Tell the rules whether the memory that a start waits for has been saved to disk."""
-        if self._closing.is_set():
-            return  # _refuse_the_rest answers the start
-        self.take_commands()
-        now = self.now()
-        self._notice_stall(now)
-        if not saved:
-            self._note_record_trouble(now)
-        self._take(inputs.StartSaved(now, saved, start))
-
-    def _withdraw_start(self) -> None:
-        """Withdraw the start that is waiting, if any."""
-        if self._race.start is not None:
-            number = self._race.start.number
-            self._take(inputs.StartSaved(self.now(), False, number))
+    def _note_saved(self, grid: int) -> None:
+        """Tell the rules that a memory of this GRID_ACTIVE is on the disk."""
+        self._take(inputs.Saved(self.now(), grid))
+        self._ask_to_show()
 
     def _notice_stall(self, now: float) -> None:
         """Report a stall of race control to the rules, if one has occurred."""
@@ -446,19 +427,9 @@ class KartServer:
         """
         outcome = self._feed(given)
         self._send(outcome)
-        of_start = outcome.answer is not None and waiting is None
-        if of_start:
-            waiting, self._starting = self._starting, None
         if outcome.answer is not None and waiting is not None:
             waiting.answered(outcome.answer)
         self._publish_outcome(outcome.events, given.at)
-        if of_start:
-            self._remember()
-        if outcome.start is not None:
-            start = outcome.start
-            self._starting = waiting
-            self._flush()
-            self._record.make_sure(start.number, self._race.memory(), start.until - given.at)
 
     def _send(self, outcome: Outcome) -> None:
         for order in outcome.orders:

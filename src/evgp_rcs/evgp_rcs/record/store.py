@@ -132,7 +132,6 @@ class Record:
         self._blocks: list[bytes] = []  # compressed once, however often the disk fails
         self._blocks_written = 0
         self._memory: RaceMemory | None = None  # to be written
-        self._durable = False  # the memory must be in the file itself
         self._database: sqlite3.Connection | None = None
         self._run = 0
         self._claimed: IO[bytes] | None = None
@@ -153,14 +152,9 @@ class Record:
         urgent = any(isinstance(entry, StampedEvent | Rules) for entry in batch.entries)
         self._write_within(0.0 if urgent else INPUTS_EVERY)
 
-    def remember(self, memory: RaceMemory, durable: bool = False) -> None:
-        """
-        Save a memory for the next run.
-
-        :param durable: whether it must be in the file itself, not only in the ``-wal``.
-        """
+    def remember(self, memory: RaceMemory) -> None:
+        """Save a memory for the next run."""
         self._memory = memory
-        self._durable |= durable
         self._write_within(0.0)
 
     def _write_within(self, seconds: float) -> None:
@@ -274,10 +268,9 @@ class Record:
                 self._database.execute('INSERT OR REPLACE INTO memory VALUES (?, ?)', row)
         self._blocks_written += len(blocks)
         self._blocks.clear()
-        self._memory = None
-        if self._durable:
+        if self._memory is not None:
             _checkpoint(self._database)
-            self._durable = False
+            self._memory = None
 
     def _release(self) -> None:
         if self._database is not None:

@@ -8,10 +8,10 @@ The kart server, with the rules and the karts' sockets, is another process (``ka
 This process starts the kart server, and neither outlives the other. This process has these
 threads:
 
-- Four threads serve officials' calls. One serves stops, one serves GREEN_GREEN, which may wait for
-  the disk, one serves the commands that read the roster, and one serves the rest. Each thread
-  passes a command to the kart server and waits for the answer. A stop therefore never waits behind
-  another kind of call, and no other command waits while a disk is slow to return the roster.
+- Three threads serve officials' calls. One serves stops, one serves the commands that read the
+  roster, and one serves the rest. Each thread passes a command to the kart server and waits for
+  the answer. A stop therefore never waits behind another kind of call, and no other command waits
+  while a disk is slow to return the roster.
 - The client's thread (``kart_client``) hears the kart server.
 - The asking thread calls this node repeatedly, as an official's program would. As long as the
   calls arrive, it gives the kart server signs of life. It also reports who can stop the race, and
@@ -358,18 +358,17 @@ class RcsNode(StrictNode):
         # One thread serves each node. On a shared node, a stop would often wait behind calls of
         # other services, so stops have a node of their own. A command that waited behind another
         # one would also seem newer than it is, as if its sender knew of the latest stop.
-        stops, starts = self._node_beside('stops'), self._node_beside('starts')
-        roster = self._node_beside('roster')
-        self.beside = (stops, starts, roster)
+        stops, roster = self._node_beside('stops'), self._node_beside('roster')
+        self.beside = (stops, roster)
         # The call to itself goes from one node to another through DDS's sockets and threads, as a
         # stop does. A thread makes the call, because some middlewares run timers by the wall
         # clock. Race control ignores the answers, because only the arrival of the call matters.
         name = self.resolve_service_name('~/sign_of_life')
         stops.create_service(SignOfLife, name, self._hear, qos_profile=SERVICE_QOS)
-        self._self_call = starts.create_client(SignOfLife, name, qos_profile=SERVICE_QOS)
+        self._self_call = self.create_client(SignOfLife, name, qos_profile=SERVICE_QOS)
         for name, kinds in kinds_by_service().items():
             entry = CATALOGUE[kinds[0]]
-            node = stops if entry.overtakes else starts if entry.needs_journal else self
+            node = stops if entry.overtakes else self
             self._offer(roster if kinds[0] in READ_THE_ROSTER else node, name, kinds)
 
     def _node_beside(self, what: str) -> Node:

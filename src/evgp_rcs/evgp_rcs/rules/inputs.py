@@ -179,12 +179,11 @@ class RecordTrouble(NamedTuple):
     text: str
 
 
-class StartSaved(NamedTuple):
-    """The wait of the start with this number is over. ``saved`` means its memory is on disk."""
+class Saved(NamedTuple):
+    """A memory is on the disk; ``grid`` is the last `RaceMemory.grid` there."""
 
     at: float
-    saved: bool
-    number: int
+    grid: int
 
 
 class Recovered(NamedTuple):
@@ -210,7 +209,7 @@ Input = (
     | Rival
     | Attended
     | RecordTrouble
-    | StartSaved
+    | Saved
     | Recovered
 )
 
@@ -244,8 +243,8 @@ def feed(given: Input, race: Race) -> Outcome:
             return race.attended(there, at)
         case RecordTrouble(at, text):
             return race.record_trouble(text, at)
-        case StartSaved(at, saved, number):
-            return race.start_saved(saved, number, at)
+        case Saved(_, grid):
+            return race.saved(grid)
         case Recovered(at, memory, last_run, why):
             return race.recover(memory, last_run, at, why)
 

@@ -29,10 +29,11 @@ A hold can become stricter, but only an official's explicit act ends it (``_race
 Commands can cross in transit, so every stop, every stall of race control and every start without
 proof of how the last run ended begins a *pause*. Some commands *loosen*: they start or release
 karts, let humans near them, or change the roster. Race control refuses such a command if it
-arrived before the end of the pause, because its sender may not have seen the stop. Race control
-lets karts move only once their permission to move is saved on disk. Until then, a GREEN_GREEN that
-would be accepted waits as a *start* (``Start``). Inputs that arrive in the meantime are judged
-first, and the start is judged again when its wait is over.
+arrived before the end of the pause, because its sender may not have seen the stop.
+
+From GRID_ACTIVE on, what race control saves says that the karts in the race may be moving
+(``Race.memory``). GREEN_GREEN is refused until that is on the disk (``Race.saved``), so a crash
+never makes race control forget a kart that it let move.
 
 Race control keeps a *doubt* about each kart that may be unsafe (``Doubt``). A kart *may be moving*
 if it was sent GREEN_GREEN or a red state, or was seen to move. A kart that was sent GRID_ACTIVE is
@@ -283,14 +284,12 @@ class Outcome(NamedTuple):
     """
     The result of one input: the orders to send and the events that happened.
 
-    :param answer: the answer to the command, or to a start whose wait is over.
-    :param start: the start that now begins to wait, if the command became one.
+    :param answer: the answer, if the input was a command.
     """
 
     orders: tuple[Order, ...]
     events: tuple[Event, ...]
     answer: Answer | None = None
-    start: Start | None = None
 
 
 @dataclass(frozen=True)
@@ -352,7 +351,6 @@ class RaceTimes:
         proof. It is longer because commands sent during the stall, or before the start, arrive
         late: we have seen DDS deliver some of them 3 s late. If ``pause`` is longer still,
         ``pause`` applies instead.
-    :param journal_timeout: the maximum time that a GREEN_GREEN waits for the disk.
     """
 
     finish_delays: tuple[float, ...] = (6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
@@ -364,7 +362,6 @@ class RaceTimes:
     red_alert: float = 5.0
     pause: float = 1.0
     pause_after_stall: float = 5.0
-    journal_timeout: float = 1.0
     settle_time: float = 3.0
     require_inspection: bool = False
     nobody_there: float = 10.0
@@ -518,6 +515,7 @@ class RaceMemory:
         under way anywhere.
     :param heat: the heat that was last put into the race; empty if there was none.
     :param starters: ``Race.starters``.
+    :param grid: the number of times that GRID_ACTIVE had been accepted in the run that saved it.
     """
 
     state: RaceState
@@ -526,6 +524,7 @@ class RaceMemory:
     unstated: bool = False
     heat: str = ''
     starters: tuple[int, ...] = ()
+    grid: int = 0
 
     @property
     def at_rest(self) -> bool:
@@ -542,23 +541,6 @@ class RaceMemory:
         if self.unstated:
             return LastRun.NONE
         return LastRun.ENDED_OPEN if self.track_open else LastRun.ENDED
-
-
-class Start(NamedTuple):
-    """
-    A GREEN_GREEN that would be accepted, but waits until the permission to move is saved on disk.
-
-    :param number: number of the start, from 1.
-    :param came: the time in seconds when the command arrived.
-    :param until: the time in seconds when its wait ends.
-    :param superseded: whether GRID_ACTIVE has been accepted during its wait.
-    """
-
-    number: int
-    command: Command
-    came: float
-    until: float
-    superseded: bool = False
 
 
 class Race:
@@ -634,9 +616,7 @@ class Race:
         self.paused_until = now
         """The time in seconds when the current pause ends, or when the last pause ended."""
         self._paused_by = ''
-        self.start: Start | None = None
-        """The GREEN_GREEN that is waiting for the record; None if none is waiting."""
-        self.starts = 0
+        self._saved_grid = 0  # the last GRID_ACTIVE that is on the disk, counted as in `grids`
         self._reported_all_answered = False
         self._by: Command | None = None  # the command that is taking effect
         self._alerts: dict[tuple[AlertKind, int], Alert] = {}
@@ -647,22 +627,22 @@ class Race:
         """
         Return what race control must save.
 
-        A start that is waiting counts as having happened, until it is refused.
+        In GRID_ACTIVE, the karts in the race count as moving, because GREEN_GREEN may be next.
         """
-        starting = self.start.command.karts if self.start is not None else frozenset()
         karts = {
             number: KartMemory(
                 kart.in_race,
                 kart.hold is not None,
                 kart.place,
-                Doubt.MOVING if number in starting else kart.doubt,
+                Doubt.MOVING if kart.in_race and self.state is GRID_ACTIVE else kart.doubt,
                 kart.held_alone,
             )
             for number, kart in self.karts.items()
         }
-        state = GREEN_GREEN if starting else self.state
-        starters = tuple(number for number in karts if number in starting) or self.starters
-        return RaceMemory(state, karts, self.track_open, self.unstated, self._put_in, starters)
+        return RaceMemory(
+            *(self.state, karts, self.track_open, self.unstated, self._put_in),
+            *(self.starters, self.grids),
+        )
 
     def recover(
         self, memory: RaceMemory | None, last_run: LastRun, now: float, why: str = ''
@@ -736,12 +716,11 @@ class Race:
         """
         Judge an official's command and, if it is allowed, put it into effect (§4.B).
 
-        An allowed GREEN_GREEN does not take effect yet; it becomes a start that waits. A refused
-        command changes nothing, except that a stop begins a pause even if its kart is not in the
-        roster.
+        A refused command changes nothing, except that a stop begins a pause even if its kart is not
+        in the roster.
 
         :param came: the time in seconds when the command arrived; None if it arrived just now.
-        :returns: an outcome with the answer, or with the start that waits.
+        :returns: an outcome with the answer.
         """
         came = now if came is None else came
         if CATALOGUE[command.kind].stop:
@@ -749,33 +728,12 @@ class Race:
             # arrive after the stop. It must not undo the stop.
             self._pause('a stop was sent just now', now)
         refusal = self._refusal_of(command, came)
-        if refusal or not CATALOGUE[command.kind].needs_journal:
-            return self._outcome(self._decide(command, refusal, now))
-        self.starts += 1
-        self.start = Start(self.starts, command, came, now + self.times.journal_timeout)
-        return self._outcome(start=self.start)
+        return self._outcome(self._decide(command, refusal, now))
 
-    def start_saved(self, saved: bool, number: int, now: float) -> Outcome:
-        """
-        End a start's wait for the disk.
-
-        :param saved: whether ``memory`` with this start is on the disk; if not, it is refused.
-        :param number: number of the start. If it is no longer waiting, nothing happens.
-        :returns: an outcome with the answer to the start.
-        """
-        if self.start is None or self.start.number != number:
-            return self._outcome()
-        return self._outcome(self._end_of_start(self.start, saved, now))
-
-    def _end_of_start(self, start: Start, saved: bool, now: float) -> Answer:
-        """Judge a start again once its wait is over."""
-        self.start = None
-        refusal = self._refusal_of(start.command, start.came)
-        if not refusal and start.superseded:
-            refusal = f'GRID_ACTIVE was sent again while this command was waiting. {SEND_AGAIN}'
-        if not (refusal or saved):
-            refusal = f'the record did not save the start in time. {SEND_AGAIN}'
-        return self._decide(start.command, refusal, now)
+    def saved(self, grid: int) -> Outcome:
+        """Record that a memory of this GRID_ACTIVE (``RaceMemory.grid``) is on the disk."""
+        self._saved_grid = grid
+        return self._outcome()
 
     def stalled(self, seconds: float, now: float) -> Outcome:
         """
@@ -1017,8 +975,8 @@ class Race:
         Do everything that is now due.
 
         This sends RED_FLAG to each kart whose finish is due, ends a race that all karts have
-        finished, stops a race that officials can no longer stop, and refuses a start that has
-        waited too long for the disk. It also reports alerts, which by themselves change nothing.
+        finished, and stops a race that officials can no longer stop. It also reports alerts, which
+        by themselves change nothing.
         """
         for kart in self.karts.values():
             self._settle(kart, now)
@@ -1034,12 +992,9 @@ class Race:
         if since is not None and limit and now >= since + limit:
             self._pause('race control has just stopped the race', now)
             self._go(RED_FLAG, now, f'race control was not {IN_CONTACT}')
-        answer = None
-        if self.start is not None and now >= self.start.until:
-            answer = self._end_of_start(self.start, False, now)
         self._report_all_answered()
         self._report_alerts(now)
-        return self._outcome(answer)
+        return self._outcome()
 
     # ----- what officials see -------------------------------------------------------------
 
@@ -1227,8 +1182,6 @@ class Race:
         return self._go(RED_FLAG, now)
 
     def _grid_active(self, command: Command, now: float) -> str:
-        if self.start is not None:
-            self.start = self.start._replace(superseded=True)
         if self.state is GRID_ACTIVE:
             return (
                 'GRID_ACTIVE was repeated and is the latest command again. Karts that have '
@@ -1421,8 +1374,8 @@ class Race:
                 if self.nobody_since is not None:
                     what_to_do = 'open a window, or start again from IN_GARAGE'
                     yield f'race control is no longer {IN_CONTACT}; {what_to_do}'
-                if self.start:
-                    yield 'another GREEN_GREEN is still waiting for the record'
+                if self._saved_grid != self.grids:
+                    yield 'the record has not saved yet that these karts may start; wait for it'
             case CommandKind.IN_GARAGE if self.state is GRID_ACTIVE:
                 yield self._dangers(
                     each
@@ -1818,7 +1771,7 @@ class Race:
         event = Event(kind, _capital(text), kart, state, command, official=by, **more)
         self._events.append(event)
 
-    def _outcome(self, answer: Answer | None = None, start: Start | None = None) -> Outcome:
+    def _outcome(self, answer: Answer | None = None) -> Outcome:
         of_race, karts = (self.number, self.heat), self.karts
         # Not `_replace`, which is slow: it would delay a stop to a hundred karts by 0.3 ms.
         events = tuple(
@@ -1826,7 +1779,7 @@ class Race:
             Event(*each[:-3], karts[each.kart].place if each.kart in karts else 0, *of_race)
             for each in self._events
         )
-        outcome = Outcome(tuple(self._orders), events, answer, start)
+        outcome = Outcome(tuple(self._orders), events, answer)
         self._orders = []
         self._events = []
         if self.state is IN_GARAGE:
