@@ -15,7 +15,6 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.ros.kart_client import KART_SERVER_SILENCE
 from evgp_rcs.ros.node import ANSWER_TIMEOUT
 from evgp_rcs.rules.catalogue import CATALOGUE
-from evgp_rcs.rules.race import RaceTimes
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
@@ -59,9 +58,7 @@ def race(the_race: WireRace) -> WireRace:
 def test_the_document_of_the_interface_has_the_longest_times_to_an_answer() -> None:
     document = (ROOT / 'docs/ros-interface.md').read_text(encoding='utf-8')
     assert f'within {ANSWER_TIMEOUT:g} s' in document
-    assert f'for {RaceTimes().journal_timeout:g} s at most' in document
-    # A start that waits, and a kart server that hangs meanwhile, are both known before.
-    assert RaceTimes().journal_timeout + KART_SERVER_SILENCE < ANSWER_TIMEOUT
+    assert KART_SERVER_SILENCE < ANSWER_TIMEOUT  # one that hangs is known before
 
 
 def test_the_stops_have_the_name_that_race_control_was_given(

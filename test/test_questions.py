@@ -153,7 +153,7 @@ class Walk:
         """Give a command as one does who saw the race and states whatever is asked."""
         one = CATALOGUE[kind].to_one_kart
         offered = self.race.availability(kind, number, self.now)
-        outcome = self.race.command(
+        self.race.command(
             Command(
                 kind,
                 number if one else 0,

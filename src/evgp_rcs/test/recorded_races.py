@@ -61,6 +61,7 @@ class PaperRace:
         self.log = Log()
         self.batches: list[Batch] = []
         self._sequence = itertools.count(1)
+        self.saves_at_once = True
         self._saved = 0
 
     def feed(self, given: inputs.Input) -> Outcome:
@@ -72,7 +73,7 @@ class PaperRace:
         if outcome.orders:
             self.log.add(inputs.Ordered(outcome.orders))
         self.tell(outcome.events)
-        if self._saved != self.race.grids:  # what there is to save is on the disk at once
+        if self.saves_at_once and self._saved != self.race.grids:
             self._saved = self.race.grids
             self.feed(inputs.Saved(self.now, self._saved))
         return outcome

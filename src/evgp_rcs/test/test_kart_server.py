@@ -76,6 +76,7 @@ class Running:
         self.remembered: list[RaceMemory] = []
         self.on_saved: Callable[[int], None]
         self.record_works_at_once = True
+        self._saved = 0
         self._shown = 0
         self._shown_at = 0.0
         self.record_trouble = ''
@@ -215,7 +216,18 @@ class Running:
     def remember(self, memory: RaceMemory) -> None:
         self.remembered.append(memory)
         if self.record_works_at_once:
-            self._loop.call_soon(self.on_saved, memory.grid)
+            self._loop.call_soon(self._save, memory.grid)
+
+    def _save(self, grid: int) -> None:
+        self.on_saved(grid)
+        with self._news:
+            self._saved = grid
+            self._news.notify_all()
+
+    def wait_until_saved(self) -> None:
+        """Return once the rules know that what there is to remember of this grid is saved."""
+        with self._news:
+            assert self._news.wait_for(lambda: self._saved == self.race.grids, TIMEOUT)
 
     def trouble(self) -> str:
         return self.record_trouble
@@ -338,7 +350,8 @@ def on_the_grid(running: Running) -> Green:
         read_until(client, GRID_ACTIVE)
         client.sendall(encode(GRID_ACTIVE))
         running.wait_for(EventKind.ACKNOWLEDGED, number)
-    running.race_was_shown(1)
+    if running.record_works_at_once:
+        running.wait_until_saved()
     return running, one, two
 
 
@@ -381,6 +394,7 @@ def test_an_acknowledgement_that_waited_unread_when_the_command_came_counts_for_
     refused = running.give(CommandKind.GREEN_GREEN)
     client.sendall(encode(GRID_ACTIVE))
     running.wait_for(EventKind.ACKNOWLEDGED, 1)
+    running.wait_until_saved()
     accepted = running.give(CommandKind.GREEN_GREEN)
 
     assert (refused.success, accepted.success) == (False, True)

@@ -310,7 +310,8 @@ a stop cuts the pause short that a delay began: pause, available-from, effect [w
 a pause is not announced: available-from availability: available_from => None
 what the rules refuse is announced for the end of the pause: available-from availability: kind
     reason => Availability(kind, False, reason, '', self.paused_until)
-karts start before it is on the disk: start-first, availability [waits] _refusals: never _saved_grid
+karts start before it is on the disk: start-first, availability [waits] _refusals: never
+    _saved_grid
 what was written for an earlier grid lets karts start: start-first, availability [waits] _refusals:
     _saved_grid grids => not self._saved_grid
 a new grid is taken to be on the disk: start-first, availability [waits] _grid_active: after grids

@@ -26,7 +26,7 @@ import pytest
 
 PATIENCE = 20.0
 HOME = RaceMemory(RaceState.IN_GARAGE, {})
-RACING = RaceMemory(RaceState.GREEN_GREEN, {})
+GRID = RaceMemory(RaceState.GRID_ACTIVE, {}, grid=7)
 
 
 @pytest.fixture
@@ -65,18 +65,18 @@ def numbers_in(path: pathlib.Path) -> list[int]:
         return [event.sequence for event in events(database, 1)]
 
 
-def test_what_must_be_sure_is_told_to_be_there_once_it_is(
+def test_a_grid_is_told_to_be_on_the_disk_once_it_is(
     record: RecordProcess, path: pathlib.Path
 ) -> None:
-    told: list[tuple[int, bool]] = []
-    record.on_saved = lambda *saved: told.append(saved)
-    record.make_sure(7, RACING, PATIENCE)
+    told: list[int] = []
+    record.on_saved = told.append
+    record.remember(GRID)
     wait_for(record, lambda: told)
-    assert told == [(7, True)]
+    assert told == [7]
     record.end(PATIENCE, LastRun.UNKNOWN)
     again = Record(path)
     again.end()
-    assert again.left_behind == RACING
+    assert again.left_behind == GRID
 
 
 def test_what_has_reached_it_is_written_although_the_kart_server_is_killed(
@@ -111,8 +111,8 @@ def test_a_process_that_is_killed_is_trouble_at_once_and_holds_nobody_up(
     assert 'its process has ended' in record.trouble()
     put(record, 1)
     record.remember(HOME)
-    record.on_saved = lambda start, saved: pytest.fail('nobody can know')
-    record.make_sure(7, RACING, PATIENCE)
+    record.on_saved = lambda grid: pytest.fail('nobody can know')
+    record.remember(GRID)
     assert '1 are lost' in record.trouble()
 
 
@@ -137,27 +137,7 @@ def test_a_process_that_is_frozen_is_trouble_until_it_goes_on_and_nothing_is_los
     assert numbers_in(path) == [*range(1, 2001)]
 
 
-def test_what_is_not_on_the_disk_in_time_is_trouble_from_then_on_until_it_is(
-    record: RecordProcess, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    freeze(record.pid)
-    told: list[tuple[int, bool]] = []
-    record.on_saved = lambda *saved: told.append(saved)
-    record.make_sure(7, RACING, 0.3)
-    assert record.trouble() == ''
-    wait_for(record, record.trouble)
-    monkeypatch.setattr(record_process, 'SLOW', PATIENCE)  # not since an event waits for long
-    put(record, 1)
-    assert 'nothing could be written' in record.trouble()
-    os.kill(record.pid, signal.SIGCONT)
-    wait_for(record, lambda: told)
-    assert told == [(7, True)]
-    assert record.trouble() == ''
-
-
-def test_a_mark_that_cannot_be_written_is_trouble_and_a_start_is_told(
-    path: pathlib.Path,
-) -> None:
+def test_a_mark_that_cannot_be_written_is_trouble_until_it_can(path: pathlib.Path) -> None:
     mark = path.with_name('mark')
     mark.mkdir()
     record = RecordProcess(path, mark)
@@ -165,11 +145,6 @@ def test_a_mark_that_cannot_be_written_is_trouble_and_a_start_is_told(
     assert record.opened.last_run is LastRun.UNKNOWN
     assert str(mark) in record.opened.why
     assert str(mark) in record.trouble()
-    told: list[tuple[int, bool]] = []
-    record.on_saved = lambda *saved: told.append(saved)
-    record.make_sure(7, RACING, PATIENCE)
-    wait_for(record, lambda: told)
-    assert told == [(7, False)]
     mark.rmdir()
     wait_for(record, lambda: not record.trouble())
     assert mark.read_text().strip() == RUN_BEGAN
@@ -188,7 +163,7 @@ def test_what_is_to_be_remembered_while_the_process_hangs_needs_bounded_memory(
         record.remember(HOME)
     assert not record._end.unsent  # it knows that already
     for number in range(20_000):
-        record.remember((HOME, RACING)[number % 2])
+        record.remember((HOME, GRID)[number % 2])
     assert 10_000 < record._end.unsent < 20_000
     os.kill(record.pid, signal.SIGCONT)
 
@@ -204,21 +179,22 @@ def test_a_disk_that_keeps_up_is_no_trouble_although_it_is_looked_at_only_when_s
         time.sleep(0.3)  # what is tested is that time goes by
 
 
-def test_a_disk_that_takes_nothing_is_trouble_and_a_start_is_told_at_once(
+def test_a_disk_that_takes_nothing_is_trouble_and_no_grid_is_told_to_be_there(
     path: pathlib.Path,
 ) -> None:
     path.mkdir()  # nobody can write it, and root neither
     record = RecordProcess(path, path.with_name('mark'))
     record._socket.setblocking(False)
     assert record.trouble().startswith(f'The record {path} fails: {path} is not a file')
-    told: list[tuple[int, bool]] = []
-    record.on_saved = lambda *saved: told.append(saved)
+    told: list[int] = []
+    record.on_saved = told.append
     put(record, 1)
-    record.make_sure(7, RACING, PATIENCE)
-    wait_for(record, lambda: told)
-    assert told == [(7, False)]
+    record.remember(GRID)
+    wait_for(record, lambda: not record._end.unsent)
+    assert told == []
     path.rmdir()
-    wait_for(record, lambda: not record.trouble())
+    wait_for(record, lambda: told)
+    assert record.trouble() == ''
     record.end(PATIENCE, LastRun.UNKNOWN)
     assert numbers_in(path) == [1]
 

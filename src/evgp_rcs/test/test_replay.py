@@ -31,7 +31,6 @@ from evgp_rcs.rules.race import (
     Event,
     EventKind,
     Heat,
-    Outcome,
     RaceTimes,
     StampedEvent,
 )
@@ -63,6 +62,7 @@ class Running(PaperRace):
 
     def __init__(self, seed: int, recovered: rules.RaceMemory | None = None) -> None:
         super().__init__({}, setup=SETUP)
+        self.saves_at_once = False
         self.chance = random.Random(seed)
         if recovered is not None:
             self.feed(inputs.Recovered(self.now, recovered, rules.LastRun.UNKNOWN))
@@ -75,11 +75,6 @@ class Running(PaperRace):
             if self.chance.random() < 0.3:
                 self.log.add(inputs.Shown(self.now))
         return self
-
-    def take(self, outcome: Outcome) -> Outcome:
-        """Leave open what becomes of a start."""
-        super().take(outcome._replace(start=None))
-        return outcome
 
     def tell(self, events: Iterable[Event]) -> None:
         super().tell(each for each in events if not each.chatter or self.chance.random() < 0.5)
@@ -108,7 +103,7 @@ class Running(PaperRace):
                 inputs.Rival(self.now, not self.race.has_rival),
                 inputs.Attended(self.now, Attendance(self.chance.randrange(3), 'Anna (window)')),
                 inputs.RecordTrouble(self.now, '' if self.race.record_fails else 'it fails'),
-                inputs.Saved(self.now, self.race.grids - 1),
+                inputs.Saved(self.now, max(self.race.grids - 1, 0)),
             )
             return self.chance.choice(rare)
         if self.race.state is RaceState.GRID_ACTIVE and what < 0.65:

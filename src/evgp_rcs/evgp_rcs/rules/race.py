@@ -716,8 +716,8 @@ class Race:
         """
         Judge an official's command and, if it is allowed, put it into effect (§4.B).
 
-        A refused command changes nothing, except that a stop begins a pause even if its kart is not
-        in the roster.
+        A refused command changes nothing, except that a stop begins a pause even if its kart is
+        not in the roster.
 
         :param came: the time in seconds when the command arrived; None if it arrived just now.
         :returns: an outcome with the answer.
