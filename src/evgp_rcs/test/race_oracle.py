@@ -1859,8 +1859,9 @@ class Search:
                     continue
             report.transitions += 1
             if after == view and learned == facts and after_time == now:
-                # It changed nothing but what was reported and told; nor the last button unseen.
-                if given.what == 'command':
+                # It changed nothing but what was reported and told; nor, unseen, the last button
+                # or what counts as saved.
+                if given.what in ('command', 'saved'):
                     check_announced(self.rules, race, after, facts, 'GREEN_GREEN', 0, now)
                 scratch.load(saved)
                 continue

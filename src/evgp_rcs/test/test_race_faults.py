@@ -43,6 +43,11 @@ UNDONE_AND_HOME = (
     oracle.Input('command', 'JOIN_RACE', 1),
 )
 
+HOME_AND_AGAIN = (
+    oracle.Input('command', 'IN_GARAGE', 0, True),
+    oracle.Input('command', 'GRID_ACTIVE', 0, True),
+)
+
 World = tuple[int, dict[str, Any]]
 
 
@@ -71,6 +76,7 @@ WORLDS = {
     'silence outside': world(10, 1, 1, silence=True, then=(*ONE_SILENT, ON_THE_GRID)),
     'unknown outside': world(150, 0, 1, 'unknown', times={'settle_time': 2.0}),
     'waits': world(150, 1, 1, 'grid', waits=True, times=AT_ONCE),
+    'a second grid': world(30, 1, 0, 'grid', waits=True, then=HOME_AND_AGAIN, times=AT_ONCE),
     'held up': world(
         200, 0, 1, 'unknown', waits=True, without=ALL_OF_ONE, times={'settle_time': 2.0}
     ),
@@ -312,8 +318,8 @@ what the rules refuse is announced for the end of the pause: available-from avai
     reason => Availability(kind, False, reason, '', self.paused_until)
 karts start before it is on the disk: start-first, availability [waits] _refusals: never
     _saved_grid
-what was written for an earlier grid lets karts start: start-first, availability [waits] _refusals:
-    _saved_grid grids => not self._saved_grid
+what was written for an earlier grid lets karts start: start-first, availability [a second
+    grid] _refusals: _saved_grid grids => not self._saved_grid
 a new grid is taken to be on the disk: start-first, availability [waits] _grid_active: after grids
     #1: self._saved_grid = self.grids
 what is on the disk does not count: availability, stuck saved: skips _saved_grid
