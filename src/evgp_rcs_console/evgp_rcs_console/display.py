@@ -2,11 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Shows the race in the areas of the window, and the official's commands on the bottom line.
-
-The areas change with the newest snapshot, with time, and with the official's choice of a kart.
-The window also remembers what it showed a moment ago, because an official who presses a button
-may have aimed at the button that was there before.
+The parts of the window that are no areas: its inbox, what it showed, the kart that was chosen, and
+the bottom line.
 """
 
 from __future__ import annotations
@@ -16,39 +13,25 @@ from collections.abc import Callable, Iterator
 import contextlib
 from dataclasses import dataclass
 import time
+from typing import TYPE_CHECKING
 
-from evgp_node.results import Standings
 from evgp_protocol import clock
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import Answer, StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import Cell, time_of_day, Tone
-from evgp_rcs_console import settings, style, texts
-from evgp_rcs_console.alerts import AlertsArea
+from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import Kind
-from evgp_rcs_console.commands import Given, LATE, shows, Standing, Unanswered
+from evgp_rcs_console.commands import Given, LATE, shows, Unanswered
 from evgp_rcs_console.freshness import Aim
-from evgp_rcs_console.karts import KartList
 from evgp_rcs_console.keys import KartField
 from evgp_rcs_console.notices import OfficialNames
-from evgp_rcs_console.panels import (
-    ClockPanel,
-    DangerPanel,
-    EventPanel,
-    Foot,
-    KillBox,
-    NumberField,
-    StatePanel,
-    Steps,
-    Strip,
-    TrackPanel,
-)
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
-from evgp_rcs_console.sheets import Heats, Help, Officials, Question, Sheet
-from evgp_rcs_console.style import DAY, GAP, look, NIGHT
-from evgp_rcs_console.view import Button, Latest, Screen
-from evgp_rcs_console.widgets import CENTER, CommandButton, fixed, font, lay, mark, rescale, Text
+from evgp_rcs_console.view import Button, Screen
+from evgp_rcs_console.widgets import CommandButton, Text
+
+if TYPE_CHECKING:
+    from evgp_rcs_console.window import ConsoleWindow
 
 
 @dataclass(frozen=True)
@@ -68,6 +51,8 @@ class Shown:
 class SeenCommands(Aim[Shown]):
     """
     Remembers what the official has seen on the screen in the last few moments.
+
+    An official who presses a button may have aimed at the button that was there before.
 
     :ivar screen: the current screen; None before the first screen.
     """
@@ -108,120 +93,6 @@ def _commands(screen: Screen) -> list[object]:
     """Return the commands of all buttons, in an order that follows their places."""
     gives = [button.gives for button in (*screen.buttons, *screen.heats)]
     return [(each.command, each.kart, each.heat, each.karts * bool(each.heat)) for each in gives]
-
-
-class Areas(QtWidgets.QWidget):
-    """Lays out the areas of the window and the sheets that open over them."""
-
-    def __init__(self, names: OfficialNames) -> None:
-        super().__init__()
-        self.setObjectName('window')
-        self.setAttribute(QtCore.Qt.WidgetAttribute.WA_StyledBackground)
-        self.seen = SeenCommands(self)
-        self._banner = fixed(Text('top_line', 'bold', CENTER, fills=True), height=24)
-        self._banner.hide()
-        self.state = fixed(StatePanel(), 316)
-        self.track = TrackPanel()
-        self.danger = DangerPanel()
-        self.clock = fixed(ClockPanel(), 138)
-        self.kill = fixed(KillBox(), 272)
-        self.steps = fixed(Steps(), height=60)
-        self.strip = fixed(Strip(names), height=28)
-        self.karts = KartList()
-        how = '\n\n'.join(texts.HOW_TO_BEGIN)
-        self.how_to_begin = Text('how_to_begin', 'large', wrap=True, text=how)
-        self.number_field = fixed(NumberField(), height=48)
-        self.alerts = fixed(AlertsArea(), height=198)
-        self.events = EventPanel(names)
-        self.foot = fixed(Foot(), height=32)
-        self._arrange()
-        self.question = Question(self)
-        self.help = Help(self)
-        self.heats = Heats(self)
-        self.officials = Officials(self)
-        self._style: object = None
-
-    def _arrange(self) -> None:
-        top, side = fixed(QtWidgets.QWidget(), height=78), QtWidgets.QWidget()
-        # If two parts share a place, the last one added is visible and sets the gap.
-        grid = lay(top, (self.danger, self.danger, self.clock), gap=GAP, columns=(0, 1, 0))
-        grid.addWidget(self.state, 0, 0)
-        grid.addWidget(self.track, 0, 1)
-        lay(side, [self.number_field], [self.alerts], [self.events], gap=GAP, heights=(0, 0, 1))
-        rows = (
-            (self._banner, self._banner),
-            (top, self.kill),
-            (self.steps, self.kill),
-            (self.strip, side),
-            (self.how_to_begin, side),
-            (self.foot, self.foot),
-        )
-        margins, heights = (10, 10, 10, 6), (0, 0, 0, 0, 1)
-        grid = lay(self, *rows, gap=GAP, margins=margins, columns=(1, 0), heights=heights)
-        grid.addWidget(self.karts, 4, 0)
-        self.how_to_begin.raise_()
-
-    def fit(self) -> None:
-        """Adapt all areas and sheets to the size of the window and to the palette."""
-        look.by = style.scale(self.width(), self.height())
-        if self._style != (look.by, look.palette):
-            self._style = look.by, look.palette
-            QtWidgets.QApplication.setFont(font(look.px(style.TEXT)))
-            self.setStyleSheet(style.sheet())
-            rescale(self)
-            self.events.restyle()
-        self.layout().activate()
-        self.karts.fit()
-        self.place_sheets()
-
-    def toggle_night(self) -> None:
-        look.palette = DAY if look.palette is NIGHT else NIGHT
-        settings.keep_soon(settings.NIGHT, 'on' if look.palette is NIGHT else '')
-        self.fit()
-
-    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        self.fit()
-
-    def show_screen(self, screen: Screen) -> None:
-        self._show_banner(screen.snapshot.banner)
-        self.how_to_begin.setVisible(not screen.rows)
-        for part in (self.state, self.track, self.danger, self.clock, self.steps, self.strip):
-            part.show_screen(screen)
-        for part in (self.heats, self.officials, self.karts, self.events, self.alerts):
-            part.show_screen(screen)
-        self.question.show_screen(screen)
-
-    def _show_banner(self, banner: str) -> None:
-        if banner != self._banner.text():
-            self._banner.show_cell(Cell(banner, Tone.BANNER))
-            self._banner.setVisible(bool(banner))
-            self.setWindowTitle(f'{banner}: {texts.TITLE}' if banner else texts.TITLE)
-            self.fit()
-
-    def open_sheet(self, sheet: Sheet, focus: QtWidgets.QWidget) -> None:
-        """Show a sheet with the focus on one of its parts and close the other sheets."""
-        self.close_sheets()
-        sheet.show()
-        self.place_sheets()
-        focus.setFocus()
-
-    def close_sheets(self) -> None:
-        """Close every sheet except the question, which only an answer can close."""
-        for sheet in self.findChildren(Sheet):
-            if sheet is not self.question:
-                sheet.close_sheet()
-
-    def place_sheets(self) -> None:
-        """Place the open sheets so that they cover neither a kart's number nor its stops."""
-        for sheet in self.findChildren(Sheet):
-            if not sheet.isHidden():
-                room = self.karts.room_of_sheets
-                sheet.lay_out(room.translated(self.karts.mapTo(self, QtCore.QPoint(0, 0))))
-
-    def is_stop(self, widget: QtWidgets.QWidget | None) -> bool:
-        if isinstance(widget, CommandButton) and widget.button is not None:
-            return widget.button.is_stop
-        return widget is self.kill.button
 
 
 class Inbox(QtCore.QObject):
@@ -265,25 +136,25 @@ class Inbox(QtCore.QObject):
 class ChosenKart(KartField):
     """The kart that keyboard commands act on. It is shown below ALL KILL and in the list."""
 
-    def __init__(self, areas: Areas) -> None:
+    def __init__(self, window: ConsoleWindow) -> None:
         super().__init__()
-        self._areas = areas
+        self._window = window
 
     def choose_in_sight(self, number: int) -> None:
         """Choose a kart whose row was clicked, without scrolling under the pointer."""
-        self._areas.karts.mark(number)
+        self._window.karts.mark(number)
         self.choose(number)
 
     def choose_next(self, step: int) -> None:
         """Choose the kart ``step`` rows below the chosen kart; if no kart is chosen, the first."""
-        numbers = self._areas.karts.numbers
+        numbers = self._window.karts.numbers
         if numbers:
             place = numbers.index(self.kart) + step if self.kart else 0
             self.choose(numbers[max(0, min(place, len(numbers) - 1))])
 
     def changed(self) -> None:
-        karts = self._areas.karts
-        self._areas.number_field.show_cells(*self.cells(), self._areas.isActiveWindow())
+        karts = self._window.karts
+        self._window.number_field.show_cells(*self.cells(), self._window.isActiveWindow())
         if self.kart != karts.table.chosen:
             karts.mark(self.kart)
             karts.bring_into_view(self.kart)
@@ -383,13 +254,7 @@ class BottomLine:
             self.point_at(None)
 
     def show(self) -> None:
-        """Show the line, in smaller type if it is too long otherwise."""
-        cell = self._cell(clock.now())
-        if cell.text != self._label.text():
-            mark(self._label, kind='bold')
-            self._label.show_cell(cell)
-            mark(self._label, kind='small' if self._label.cut else 'bold')
-        self._label.show_cell(cell)
+        self._label.show_cell(self._cell(clock.now()))
 
     def _cell(self, now: float) -> Cell:
         stops = [
@@ -408,114 +273,3 @@ class BottomLine:
             waited = clock.duration(now - given.at)
             return Cell(f'{texts.full_name(given)}: no answer yet ({waited})', Tone.WAIT)
         return self._message
-
-
-def _without_measurements(race: Snapshot, results: Standings | None) -> object:
-    """Return a snapshot and results without times or link figures."""
-    results = None if results is None else results._replace(stamp=0.0)
-    links = (NOT_MEASURED._replace(grade=kart.link.grade) for kart in race.karts)
-    karts = [kart._replace(link=link) for kart, link in zip(race.karts, links, strict=True)]
-    return race._replace(stamp=0.0, karts=()), karts, results
-
-
-AGES = 1.0
-"""Maximum time between two updates of the ages on the screen, in seconds."""
-
-
-class Display(Areas):
-    """
-    Shows the newest snapshot of the race in every area.
-
-    It belongs to the Qt thread, so Qt queues the client's signals.
-
-    :ivar unanswered: this official's commands that race control has not answered yet, and the
-        stops that it has not accepted yet.
-    """
-
-    def __init__(self, looking: str, inbox: Inbox) -> None:
-        super().__init__(inbox.names)
-        self.unanswered = Unanswered()
-        self.bottom = BottomLine(self.foot.status, self.unanswered)
-        self.chosen = ChosenKart(self)
-        self._latest = Latest(clock.now(), looking)
-        self._waiting = inbox.waiting
-        self._shown_at = 0.0
-
-    # ----- what the client receives -------------------------------------------------------
-
-    def take_races(self) -> None:
-        """Process every waiting snapshot, so that no alert is missed, and show the newest."""
-        shown, changed = self.seen.screen, False
-        while self._waiting:
-            race, at, two = self._waiting.popleft()
-            self._latest.take_race(race, at, two)
-            self.alerts.take_race(race, two)
-            if not changed and shown is not None and shown.danger is None:
-                before = _without_measurements(shown.snapshot, shown.heard)
-                changed = before != _without_measurements(race, self._latest.results)
-            else:
-                changed = True
-        if changed:
-            self.refresh()  # if only figures have changed, they can wait for `look`
-
-    def take_event(self, stamped: StampedEvent) -> None:
-        self._latest.take_event(stamped.event)
-        self.events.add(stamped)
-
-    def take_results(self, results: Standings) -> None:
-        self._latest.results = results
-
-    def take_answer(self, given: Given, answer: Answer) -> None:
-        self.unanswered.answered(given)
-        self.bottom.say_answer(given, answer)
-        self.refresh()
-
-    def take_pressing(self, stops: tuple[Standing, ...]) -> None:
-        self.unanswered.stops = stops
-        self.refresh()
-
-    # ----- what is shown ------------------------------------------------------------------
-
-    def look(self) -> None:
-        """Show what has arrived or depends on the time, and sound the alarm if it is due."""
-        self.take_races()
-        now, shown = clock.now(), self.seen.screen
-        danger = self._latest.danger(now)
-        is_due = self.unanswered or now - self._shown_at >= AGES
-        if danger or is_due or shown is None or shown.danger:
-            self.refresh()
-        self.clock.look()
-        self.alerts.look(now, danger is not None and self._latest.race is not None)
-
-    def refresh(self) -> None:
-        """Show the newest snapshot, with all ages up to date."""
-        now = clock.now()
-        self._shown_at = now
-        shown, screen = self.seen.screen, self._latest.screen(now, self.unanswered.ages(now))
-        if screen.danger_title != (shown.danger_title if shown is not None else ''):
-            self.alerts.alarm.sound_soon()
-        self.seen.change_to(screen, now)
-        self.show_screen(screen)
-        self.chosen.show_roster(screen.teams)
-        self._show_kill(screen, now)
-        self.bottom.take_screen(screen, self._latest.heard_at)
-        self.bottom.show()
-
-    @property
-    def unheard(self) -> str:
-        """Return why stops may not reach race control; empty if race control is not silent."""
-        danger = self._latest.danger(clock.now())
-        return danger.barred if danger is not None and danger.stale else ''
-
-    def _show_kill(self, screen: Screen, now: float) -> None:
-        late = self.unanswered.late_stops(now)
-        stop = next((each for each in late if each.given.command is CommandKind.ALL_KILL), None)
-        if stop is not None:
-            age = clock.duration(now - stop.since)
-            hint = Cell(f'SENT {stop.presses} times in {age}: no answer', Tone.BAD)
-        elif self.isActiveWindow():
-            karts = texts.count(screen.rows) if screen.rows else 'karts'
-            hint = Cell(f'all {karts} · SPACE BAR or F12')
-        else:
-            hint = Cell('KEYS OFF: click this window', Tone.BAD)
-        self.kill.show_hint(hint, pressing=stop is not None)

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 import time
+from typing import TYPE_CHECKING
 
 from evgp_protocol import clock
 from evgp_rcs.rules.catalogue import CommandKind
@@ -20,7 +21,6 @@ from evgp_rcs.words import time_of_day, Tone
 from evgp_rcs_console import keys, texts
 from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.commands import Given
-from evgp_rcs_console.display import Display
 from evgp_rcs_console.freshness import AGAIN, Beat, InputClock, STALE
 from evgp_rcs_console.karts import chooses
 from evgp_rcs_console.keys import Stroke
@@ -28,6 +28,9 @@ from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.view import ANSWER_KEYS, Button, FINISH_KEYS, Screen
 from evgp_rcs_console.widgets import CommandButton, Push
+
+if TYPE_CHECKING:
+    from evgp_rcs_console.window import ConsoleWindow
 
 UNDO_AFTER = 2.0
 """
@@ -43,7 +46,9 @@ Give = Callable[[Given], None]
 class CommandInput(QtCore.QObject):
     """Carries out what the official has pressed."""
 
-    def __init__(self, give: Give, signature: Signature, window: Display, late: LateInput) -> None:
+    def __init__(
+        self, give: Give, signature: Signature, window: ConsoleWindow, late: LateInput
+    ) -> None:
         super().__init__(window)
         self.window, self.late = window, late
         self._bottom, self._chosen = window.bottom, window.chosen
@@ -70,7 +75,7 @@ class CommandInput(QtCore.QObject):
         self.window.refresh()
         if given.command is CommandKind.ALL_KILL:
             self._all_kill_was_dropped = True
-            if self.window.kill.button.isDown():
+            if self.window.kill.isDown():
                 self.kill()
 
     def let_go(self, down: Button, button: Button) -> None:
@@ -158,7 +163,7 @@ class CommandInput(QtCore.QObject):
         self._signature.sign(name)
         self.window.officials.close_sheet()
         self.window.setFocus()
-        self.window.foot.show_name(self._signature.name)
+        self.window.show_name(self._signature.name)
         self._bottom.say(f'Your commands are now sent as: {self._signature.claim}')
 
     def toggle_events(self) -> None:
@@ -191,7 +196,7 @@ class LateInput:
     :ivar waited: how long the last key or click had waited, in seconds.
     """
 
-    def __init__(self, period: float, window: Display) -> None:
+    def __init__(self, period: float, window: ConsoleWindow) -> None:
         self._chosen, self._bottom = window.chosen, window.bottom
         self._clock, self._beat = InputClock(), Beat(period, clock.now())
         self._dropped: list[str] = []

@@ -176,7 +176,6 @@ class Question(Sheet):
         said = Cell(does), Cell(warning, Tone.BAD), Cell(caution, Tone.WAIT), Cell(statement)
         for text, cell in zip(self._texts, said, strict=True):
             text.show_cell(cell)
-            text.setVisible(bool(cell.text))
 
     @property
     def settled(self) -> bool:

@@ -136,7 +136,7 @@ def sheet() -> str:
     line, strong = px(1), px(2)
     tones = Tone.FAINT, Tone.GOOD, Tone.BAD
     rules = [f'[tone="{tone.value}"] {{ color: {look.text(tone)}; }}' for tone in tones]
-    fills = {**FILLS, Tone.GARAGE: (colours.ink, colours.raised)}
+    fills = {**FILLS, Tone.GOOD: FILLS[Tone.GREEN], Tone.GARAGE: (colours.ink, colours.raised)}
     fills |= dict.fromkeys((Tone.FAINT, Tone.PLAIN), (colours.faint, colours.raised))
     for tone, (ink, fill) in fills.items():
         ground = f'[ground="{tone.value}"]'

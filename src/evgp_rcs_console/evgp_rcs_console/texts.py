@@ -121,7 +121,6 @@ PASSINGS = 'Passings: time since GREEN GREEN, kart, source, session and number, 
 RACES = 'Races: number, time the grid formed, heat, classified karts'
 RESULT_HEADINGS = ('', 'Kart', 'Team', 'Laps', 'Total', 'Last', 'Best', 'Status, penalties')
 
-NAME_IS = 'Name: {name}'
 NOT_KEPT = 'Your choice was not saved for the next start: {error}'
 
 NO_QT = (

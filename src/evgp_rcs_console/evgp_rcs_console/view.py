@@ -408,6 +408,34 @@ class Screen:
     def rows(self) -> tuple[Row, ...]:
         return tuple(_row(self, kart, place) for place, kart in enumerate(self.snapshot.karts))
 
+    def texts(self, commanding: Sequence[str]) -> dict[str, Cell]:
+        """
+        Return what each text around the list of karts shows, by the name of the text.
+
+        :param commanding: the officials who have given commands.
+        """
+        race, dated = self.snapshot, Tone.FAINT if self.stale else Tone.PLAIN
+        by = f'commands by {", ".join(commanding)}' if commanding else ''
+        rest = texts.missing(race), self.timing, self.order, self.places
+        officials = texts.can_stop(race).partition(':')[0], by
+        return {
+            'state': self.state,
+            'state_since': Cell(self.since),
+            'humans': self.humans,
+            'humans_reason': Cell(self.humans_reason[:1].upper() + self.humans_reason[1:]),
+            'race_time': Cell(f'GREEN for {self.clock}' if self.clock else ''),
+            'heat': Cell(texts.heat_in_race(race)),
+            'tally': Cell(tally(race) or 'no kart is in the race', dated),
+            'msr': self.msr,
+            'reminder': Cell(self.reminder, Tone.WAIT),
+            'rest': Cell(' · '.join(filter(None, rest)), dated),
+            'officials': Cell(' · '.join(filter(None, officials))),
+            **{
+                f'danger_{part}': Cell(getattr(self.danger, part, ''))
+                for part in ('title', 'detail', 'advice')
+            },
+        }
+
     # ----- the buttons --------------------------------------------------------------------
 
     @functools.cached_property

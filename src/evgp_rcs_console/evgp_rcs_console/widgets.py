@@ -10,6 +10,7 @@ import functools
 import itertools
 from typing import TypeVar
 
+from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.words import Cell, STATE_CELLS, Tone
 from evgp_rcs_console.catalogue import CATALOGUE
@@ -107,15 +108,15 @@ def mark(widget: QtWidgets.QWidget, **marks: str) -> None:
 
 
 def lay(
-    owner: QtWidgets.QWidget,
+    owner: _Part,
     *rows: Sequence[QtWidgets.QWidget],
     gap: int = 0,
     margins: Sequence[int] = (0, 0, 0, 0),
     columns: Sequence[int] = (1,),
     heights: Sequence[int] = (),
-) -> QtWidgets.QGridLayout:
+) -> _Part:
     """
-    Arrange parts in a grid; lengths are in pixels on a 1366 by 768 screen.
+    Arrange parts of an owner in a grid; lengths are in pixels on a 1366 by 768 screen.
 
     :param rows: the parts in each row, from the top. A part in several cells fills all of them.
     :param margins: left, top, right, bottom.
@@ -134,7 +135,7 @@ def lay(
         grid.setColumnStretch(column, share)
     for place, share in enumerate(heights):
         grid.setRowStretch(place, share)
-    return grid
+    return owner
 
 
 def fixed(part: _Part, width: int = 0, height: int = 0) -> _Part:
@@ -173,7 +174,9 @@ class Text(QtWidgets.QLabel):
 
     :param kind: the names that the style sheet uses: a size, ``bold``, ``faint``.
     :param fills: whether the tone of the text also colours the background.
-    :param flows: whether the text takes all the height (with ``wrap``) or width that it needs.
+    :param flows: whether the text takes all the height (with ``wrap``) or width that it needs, and
+        no room if it is empty. If it also ``fills``, it is never cut off.
+    :param smaller: the kind to use instead if the text does not fit; empty: always use ``kind``.
     """
 
     def __init__(
@@ -185,8 +188,10 @@ class Text(QtWidgets.QLabel):
         fills: bool = False,
         flows: bool = False,
         text: str = '',
+        smaller: str = '',
     ) -> None:
-        self._flows = flows
+        self._flows, self._fills = flows, fills
+        self._kind, self._smaller = kind, smaller
         super().__init__(text)
         self.setObjectName(name)
         self.setProperty('kind', kind)
@@ -197,8 +202,10 @@ class Text(QtWidgets.QLabel):
         policy = self.sizePolicy()
         policy.setHorizontalPolicy(Policy.Maximum if flows and not wrap else Policy.Ignored)
         policy.setVerticalPolicy(Policy.Minimum if flows and wrap else Policy.Ignored)
+        if flows and fills and not wrap:
+            self.setMinimumWidth(0)
+            policy.setHorizontalPolicy(Policy.Fixed)
         self.setSizePolicy(policy)
-        self._fills = fills
 
     @property
     def explanation(self) -> str:
@@ -216,12 +223,25 @@ class Text(QtWidgets.QLabel):
     def show_text(self, text: str) -> None:
         self.show_cell(Cell(text))
 
-    def show_cell(self, cell: Cell, stale: bool = False) -> None:
-        """Show a text in its tone, or in grey if the text is out of date."""
-        self.setText(cell.text)
+    def show_cell(self, cell: Cell) -> None:
+        """Show a text in its tone."""
+        if cell.text != self.text():
+            self.setText(cell.text)
+            self._fit()
+        if self._flows:
+            self.setVisible(bool(cell.text))
         is_filled = self._fills and cell.tone in (Tone.WAIT, Tone.BAD, Tone.BANNER)
-        ground = cell.tone.value if is_filled else ''
-        mark(self, tone=(Tone.FAINT if stale else cell.tone).value, ground=ground)
+        mark(self, tone=cell.tone.value, ground=cell.tone.value if is_filled else '')
+
+    def _fit(self) -> None:
+        if self._smaller:
+            mark(self, kind=self._kind)
+            if self.cut:
+                mark(self, kind=self._smaller)
+
+    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
+        super().resizeEvent(event)
+        self._fit()
 
     def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
         QtWidgets.QFrame.paintEvent(self, event)
@@ -313,14 +333,14 @@ class CommandButton(Push):
             return
         name = button.command.name.lower()
         self.setObjectName(f'{name}_{button.kart}' if button.kart else name)
-        label = CATALOGUE[button.command].short or button.label
+        entry = CATALOGUE[button.command]
+        label = entry.short or button.label
         key = button.key if self._labels or button.enabled else ''
         self.show_words(label if button.kart else button.label, key, button.phrase)
         self.setAccessibleDescription(button.explanation)
-        # Recording the use of the MSR must not look like a stop to reach for.
-        is_stop = button.is_stop and button.command is not CommandKind.RECORD_MSR
-        is_flag = button.command in (CommandKind.RED_FLAG, CommandKind.KART_RED_FLAG)
-        looks = ('flag' if is_flag else 'stop') if is_stop else ''
+        is_flag = RaceState.RED_FLAG in (*entry.result.race, *entry.result.hold)
+        # Recording the use of the MSR, which asks first, must not look like a stop to reach for.
+        looks = ('flag' if is_flag else 'stop') if button.is_instant else ''
         if button.is_next:
             looks = 'go' if button.command is CommandKind.GREEN_GREEN else 'next'
         ground = current = ''
