@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import contextlib
+import fcntl
 import math
 import pathlib
 
@@ -164,8 +165,10 @@ def test_a_terminal_that_takes_no_output_holds_nothing_up(
     control, official, (kart,) = race.control, race.official, race.karts
     be_found(official, 'kart/finish')
     with control.output_held_up():
-        # Each is logged, and together they are more than any pipe takes.
-        for _ in range(50):
+        # Each is logged, and together they are more than the pipe takes.
+        assert control.process.stdout is not None
+        fcntl.fcntl(control.process.stdout, fcntl.F_SETPIPE_SZ, 4096)
+        for _ in range(10):
             official.call_all('kart/finish', [{'kart': NO_KART}] * 50)
         kart.wait_for_frames(20)
         official.command('all_kill')
