@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 import contextlib
 import functools
-import itertools
 import os
 import pathlib
 import signal
@@ -42,8 +41,9 @@ from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 from recorded_races import PaperRace
 from rig.console import Console, SLOW
+from rig.desk import Desk
 from rig.needs import need_qt, need_screen
-from rig.screen import Screen, Screens
+from rig.screen import Screen
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -54,52 +54,57 @@ RED_RED = RaceState.RED_RED
 EACH_CHANGE = Acknowledges.EACH_CHANGE
 
 OpenConsole = Callable[..., Console]
-OpenBeside = Callable[..., tuple[Console, list[WireKart], RaceControl]]
+OpenBeside = Callable[..., tuple[Console, list[WireKart], Official]]
 
+
+NAME = 'A & <b>M'
+"""Qt takes such letters for something else, unless it is told not to."""
 
 TEAMS = {1: 'Georgia Tech', 2: 'Purdue', 3: 'Michigan', 4: 'UC Berkeley', 5: 'Kennesaw State'}
 
 
-@pytest.fixture(scope='session')
-def screens() -> Iterator[Screens]:
-    """Return the screens of this test process."""
-    kept = Screens()
-    yield kept
-    kept.close()
-
-
 @pytest.fixture
-def open_console(
-    screens: Screens, parts: contextlib.ExitStack, tmp_path: pathlib.Path
-) -> OpenConsole:
+def open_console(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> OpenConsole:
     """Return a function that opens an official's window on a screen of its own."""
     need_screen()
 
     def open_(domain: int, **environment: str) -> Console:
-        screen = parts.enter_context(screens.one())
-        console = Console(tmp_path, domain, screen, environment)
-        parts.callback(console.close)
-        return console
+        screen = parts.enter_context(Screen())
+        return parts.enter_context(Console(tmp_path, domain, screen, environment))
 
     return open_
 
 
+@pytest.fixture(scope='module')
+def the_desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Desk, Console]]:
+    """Return a race control with three karts, and a window, for the tests that end neither."""
+    need_screen()
+    folder = tmp_path_factory.mktemp('desk')
+    given = {'finish_delays': '[0.2, 0.1]', 'officials': f'[Anna Meier, {NAME}]'}
+    with (
+        Domain() as domain,
+        RaceControl(folder, domain.number, (1, 2, 3), (), given) as control,
+        Official(domain.number) as official,
+        Screen() as screen,
+        Console(folder, domain.number, screen) as console,
+    ):
+        yield Desk(control, official), console
+
+
 @pytest.fixture
-def open_beside(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> OpenBeside:
-    """Return a function that starts race control, a window on it, and karts that it shows."""
+def open_beside(the_desk: tuple[Desk, Console], connect_kart: ConnectKart) -> OpenBeside:
+    """Return a function that begins a race at that window, with karts that it shows."""
+    desk, console = the_desk
 
     def open_(
-        *connected: int,
-        in_race: Iterable[int] = (),
-        **settings: Any,
-    ) -> tuple[Console, list[WireKart], RaceControl]:
-        control = start_race_control(in_race=in_race or connected, **settings)
-        console = open_console(control.domain)
-        karts = [connect_kart(control, number, EACH_CHANGE) for number in connected]
+        *connected: int, in_race: tuple[int, ...] = ()
+    ) -> tuple[Console, list[WireKart], Official]:
+        desk.clear(*(in_race or connected))
+        with desk.official.news:
+            desk.official.events.clear()
+        karts = [connect_kart(desk.control, number, EACH_CHANGE) for number in connected]
         see_karts(console, *connected)
-        return console, karts, control
+        return console, karts, desk.official
 
     return open_
 
@@ -114,10 +119,8 @@ def hold_down(console: Console, button: str) -> None:
     while time.monotonic() < ends:
         console.screen.move(*console.place(button, barred='false'))
         console.screen.press_button()
-        slow = time.monotonic() + SLOW
-        while time.monotonic() < slow:
-            if console.widgets()[button]['down']:
-                return
+        if console.becomes(button, SLOW, down=True):
+            return
         console.screen.release_button()
     raise AssertionError(f'{button} does not go down')
 
@@ -142,7 +145,7 @@ def raced(karts: Iterable[WireKart], times: int) -> None:
 
 
 def test_a_whole_race_by_clicks_and_one_by_keys_only(open_beside: OpenBeside) -> None:
-    console, karts, _ = open_beside(1, 2, in_race=(1,), others=(2, 3), finish_delays='[0.2, 0.1]')
+    console, karts, _ = open_beside(1, 2, in_race=(1,))
 
     console.wait_for('join_race_2', barred='false')
     console.press_on('join_race_2', see='leave_race_2')
@@ -182,10 +185,9 @@ def test_a_whole_race_by_clicks_and_one_by_keys_only(open_beside: OpenBeside) ->
 
 
 def test_after_the_msr_one_question_releases_the_karts_that_were_made_safe(
-    open_beside: OpenBeside, join_official: JoinOfficial
+    open_beside: OpenBeside,
 ) -> None:
-    console, karts, control = open_beside(1, 2)
-    official = join_official(control)
+    console, karts, official = open_beside(1, 2)
     official.bring_to(GREEN_GREEN)
     karts[0].close()
     console.wait_for('kart_1', linked='false')
@@ -203,34 +205,6 @@ def test_after_the_msr_one_question_releases_the_karts_that_were_made_safe(
     official.wait_for_kart(1, lambda kart: not kart.hold_reason, 'its release')
 
 
-# ----- ALL KILL ---------------------------------------------------------------------------
-
-
-LAYOUTS = [('fr', 'bepo'), ('ca', ''), ('de', 'neo'), ('bt', '')]
-
-
-def test_the_space_bar_is_all_kill_on_every_layout_whatever_is_held_with_it(
-    start_race_control: StartRaceControl, open_console: OpenConsole, join_official: JoinOfficial
-) -> None:
-    control = start_race_control(in_race=(1,))
-    official = join_official(control)
-    console = open_console(control.domain)
-    console.wait_for('kart_1')
-    held = ('shift', 'altgr', 'shift+altgr', 'ctrl', 'caps', 'shift+caps', 'caps+altgr')
-    pressed = ('space', *(f'{each}+space' for each in held), 'ctrl+altgr+F12')
-
-    for count, (layout, keys) in enumerate(itertools.product(LAYOUTS, pressed), 1):
-        if keys == 'space':
-            console.screen.lay_out(*layout)
-        console.key(keys)
-
-        official.wait_until(
-            lambda count=count: count_of(official, msg.CommandAvailability.ALL_KILL) >= count,
-            lambda layout=layout, keys=keys: f'no ALL KILL by {keys} of {layout}',
-        )
-        console.wait_for('kill_hint', text='SPACE BAR')  # accepted: not the one before once more
-
-
 def count_of(official: Official, command: int) -> int:
     """Return how often a command was given, as far as heard."""
     return sum(event.command == command for event in official.events)
@@ -245,19 +219,12 @@ def sender(official: Official, command: int) -> str:
     return str(told.official)
 
 
-NAME = 'A & <b>M'
-"""Qt takes such letters for something else, unless it is told not to."""
-
-
 def test_a_name_is_chosen_once_and_goes_with_every_command_also_of_the_next_window(
-    start_race_control: StartRaceControl,
-    open_console: OpenConsole,
-    join_official: JoinOfficial,
-    tmp_path: pathlib.Path,
+    open_beside: OpenBeside, open_console: OpenConsole, tmp_path: pathlib.Path
 ) -> None:
-    control = start_race_control(in_race=(1,), officials=f'[Anna Meier, {NAME}]')
-    official = join_official(control)
-    console = open_console(control.domain)
+    _, _, official = open_beside(in_race=(1,))
+    domain = official.context.get_domain_id()
+    console = open_console(domain)
     console.wait_for('kart_1')
     console.wait_for('official', text='Your name')
     console.click('all_kill')
@@ -270,7 +237,7 @@ def test_a_name_is_chosen_once_and_goes_with_every_command_also_of_the_next_wind
     kept = tmp_path / 'evgp_rcs' / 'official'
     official.wait_until_polled(kept.exists, 'the name is kept')
     assert kept.read_text() == f'{NAME}\n'
-    other = open_console(control.domain)
+    other = open_console(domain)
     other.wait_for('official', text=NAME)
     other.wait_for('kart_1')
     other.key('1', 'ctrl+f')
@@ -288,40 +255,6 @@ def test_a_name_that_ros_takes_for_a_number_is_a_name(domain: int) -> None:
         assert _official(window.node) == '7'
 
 
-def test_the_window_does_not_hang_with_race_control_and_presses_all_kill_meanwhile(
-    open_beside: OpenBeside,
-) -> None:
-    console, (kart,), control = open_beside(1)
-    control.signal(signal.SIGSTOP)
-    # A service hangs, and the window does not: it says so, with the time. After a second, the kart
-    # server ends and wakes the frozen half, which says that its karts are lost.
-    console.key('F4')
-    console.wait_for('status', text=r'RED FLAG: sent [2-9] times in .*(no answer|lost its karts)')
-    console.wait_for('danger_title', text='RACE CONTROL IS GONE')
-    console.wait_for('danger_advice', text='USE THE MSR')
-
-    console.key('space')
-
-    console.wait_for('all_kill', pressing='true')
-    console.wait_for('kill_hint', text=r'SENT [3-9] times in \d\.\d s: no answer')
-    # The kart server, which does not hang, has stopped the karts by then, and race control ends.
-    kart.wait_for_state(RED_RED)
-    control.signal(signal.SIGCONT)
-    console.wait_for('danger_advice', text='USE THE MSR')
-
-
-def begin_to_watch_for_windows(
-    parts: contextlib.ExitStack, monkeypatch: pytest.MonkeyPatch
-) -> Screen:
-    """Return a screen on which programs started from now on open their windows."""
-    screen = Screen()  # not one used before: windows of others may not have gone yet
-    parts.callback(screen.close)
-    monkeypatch.setenv('DISPLAY', screen.display)
-    monkeypatch.setenv('QT_QPA_PLATFORM', 'xcb')
-    screen.expect_window()
-    return screen
-
-
 def test_a_window_that_is_killed_changes_nothing_and_the_next_one_stops_the_kart(
     start_race_control: StartRaceControl,
     join_official: JoinOfficial,
@@ -332,7 +265,10 @@ def test_a_window_that_is_killed_changes_nothing_and_the_next_one_stops_the_kart
     need_screen()
     control = start_race_control(in_race=(1,), nobody_there=PATIENCE)
     official = join_official(control)
-    screen = begin_to_watch_for_windows(parts, monkeypatch)
+    screen = parts.enter_context(Screen())
+    monkeypatch.setenv('DISPLAY', screen.display)
+    monkeypatch.setenv('QT_QPA_PLATFORM', 'xcb')
+    screen.expect_window()
     kart = connect_kart(control, 1, EACH_CHANGE)
     official.wait_for_connected(1)
     window = parts.enter_context(Process('evgp_rcs_console', 'rcs_gui', control.domain))
@@ -352,19 +288,18 @@ def test_a_window_that_is_killed_changes_nothing_and_the_next_one_stops_the_kart
     assert again.close() == 0
 
 
-@pytest.mark.parametrize('whole', [True, False], ids=['the window', 'its own thread only'])
-def test_once_the_last_window_is_gone_or_hangs_its_race_is_sent_red_flag(
-    open_beside: OpenBeside, whole: bool
+def test_once_the_last_window_hangs_its_race_is_sent_red_flag(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
 ) -> None:
-    console, (kart,), _ = open_beside(1, nobody_there=0.1)
+    control = start_race_control(in_race=(1,), nobody_there=0.1)
+    console = open_console(control.domain)
+    kart = connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
     console.wait_for('strip', text='1 official can stop')
     console.start_race()
     kart.wait_for_state(GREEN_GREEN)
 
-    if whole:
-        console.signal(signal.SIGSTOP)
-    else:
-        console.block(PATIENCE)
+    console.block(PATIENCE)  # its own thread only: DDS goes on
 
     kart.wait_for_state(RED_FLAG)
     console.kill()  # it would not end in time
@@ -399,10 +334,7 @@ def test_an_alert_stays_until_it_is_seen_and_sounds_until_it_is_muted(
     ended = console.wait_for('banner', text=r'ENDED\s+Kart 1 had not acknowledged RED RED')
     assert 'MSR' not in ended['text']
     console.press('F11', see='mute', text='OFF')
-    ends = time.monotonic() + PATIENCE
-    while console.widgets()['seen']['barred'] == 'false' and time.monotonic() < ends:
-        console.key('F10')
-    console.wait_for('standing', text='No alerts')
+    console.press('F10', see='standing', text='No alerts')
 
 
 def assert_all_kill_is_in_reach(console: Console) -> None:
@@ -618,7 +550,7 @@ def test_what_was_pressed_while_the_window_hung_starts_no_race(open_beside: Open
 def test_a_button_let_go_too_late_does_nothing_and_a_double_click_neither_answers_nor_undoes(
     open_beside: OpenBeside,
 ) -> None:
-    console, _, _ = open_beside(in_race=(1,), others=(2,))
+    console, _, official = open_beside(in_race=(1,))
     hold_down(console, 'join_race_2')
 
     with held_up(console):
@@ -632,16 +564,13 @@ def test_a_button_let_go_too_late_does_nothing_and_a_double_click_neither_answer
         console.screen.click(*place)
 
     console.until(click_twice, 'leave_race_2')
-    console.wait_for('log', text='Kart 2 is in the race')
+    sender(official, msg.CommandAvailability.JOIN_RACE)
     console.wait_for('leave_race_2')
     console.press('2', 'ctrl+j', see='join_race_2')
 
 
-def test_a_stop_that_was_pressed_while_the_window_hung_acts(
-    open_beside: OpenBeside, join_official: JoinOfficial
-) -> None:
-    console, karts, control = open_beside(1, 2, 3)
-    official = join_official(control)
+def test_a_stop_that_was_pressed_while_the_window_hung_acts(open_beside: OpenBeside) -> None:
+    console, karts, official = open_beside(1, 2, 3)
     official.bring_to(GRID_ACTIVE)
     red_red, all_kill = console.place('kart_red_red_1', barred='false'), console.place('all_kill')
 
@@ -701,38 +630,39 @@ class Speaker(RosSide):
         return response
 
     def wait_for_stop(self, service: str, kart: int = 0) -> None:
-        self.wait_until(lambda: self.stops[-1:] == [(service, kart)], lambda: f'{self.stops}')
+        """Wait until the next stop has come, which must be this one."""
+        self.wait_until(lambda: self.stops, lambda: f'a stop: {service} {kart}')
+        assert self.stops.pop(0) == (service, kart)
 
 
-@pytest.fixture
-def speak(parts: contextlib.ExitStack) -> Callable[..., Speaker]:
-    """Return a function that has a race control speak, on a domain of its own or a given one."""
-
-    def start(
-        domain: int | None = None, race: msg.Race | None = None, accepts: bool = False
-    ) -> Speaker:
-        if domain is None:
-            domain = parts.enter_context(Domain()).number
-        speaker = Speaker(domain, race or msg.Race(), accepts)
-        parts.callback(speaker.close)
-        return speaker
-
-    return start
+@pytest.fixture(scope='module')
+def the_speaker(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Speaker, Console]]:
+    """Return a speaker that accepts stops and offers nothing else, and a window on it."""
+    need_screen()
+    race = race_of(range(1, 13), LONG)
+    with (
+        Domain() as domain,
+        Speaker(domain.number, race, accepts=True) as speaker,
+        Screen() as screen,
+        Console(tmp_path_factory.mktemp('speaker'), domain.number, screen) as console,
+    ):
+        console.wait_for('kart_in_garage_12', barred='true')
+        yield speaker, console
 
 
 def test_two_race_controls_that_are_heard_are_told_in_the_largest_type(
-    speak: Callable[..., Speaker], open_console: OpenConsole
+    the_speaker: tuple[Speaker, Console],
 ) -> None:
-    one = speak()
-    console = open_console(one.domain)
+    one, console = the_speaker
     console.wait_for('danger', visible=False)
 
-    speak(domain=one.domain)
+    with Speaker(one.domain, msg.Race()):
+        console.wait_for('danger_title', text='TWO RACE CONTROLS')
+        console.wait_for('danger_advice', text='ALL KILL')
+        console.wait_for('grid_active', barred='true', tip='two race controls')
+        assert_all_kill_is_in_reach(console)
 
-    console.wait_for('danger_title', text='TWO RACE CONTROLS')
-    console.wait_for('danger_advice', text='ALL KILL')
-    console.wait_for('grid_active', barred='true', tip='two race controls')
-    assert_all_kill_is_in_reach(console)
+    console.wait_for('danger', visible=False)
 
 
 def test_every_stop_is_pressed_until_race_control_is_back(
@@ -748,17 +678,21 @@ def test_every_stop_is_pressed_until_race_control_is_back(
     console.wait_for('standing', text='not known', tone='faint')
     console.key('space')
     console.wait_for('all_kill', pressing='true')
+    console.wait_for('kill_hint', text=r'SENT [3-9] times in \d\.\d s: no answer')
     control = parts.enter_context(RaceControl(tmp_path, domain, (1, 2)))
     console.wait_for('state', text='RED RED')
     console.wait_for('all_kill', pressing='false')
 
-    connect_kart(control, 1, EACH_CHANGE)
-    see_karts(console, 1)
-    control.kill()
+    # A service hangs, and the window does not: it says so, with the time. After a second, the kart
+    # server ends and wakes the frozen half, which says that its karts are lost.
+    control.signal(signal.SIGSTOP)
+    console.key('F4')
+    console.wait_for('status', text=r'RED FLAG: sent [2-9] times in .*(no answer|lost its karts)')
     console.wait_for('danger_title', text='RACE CONTROL IS GONE')
-    for name, *keys in (('RED FLAG', 'F4'), ('RED RED kart 1', '1', 'ctrl+r')):
-        console.key(*keys)
-        console.wait_for('status', text=f'{name}: sent [3-9] times in .* no answer. USE THE MSR')
+    console.wait_for('danger_advice', text='USE THE MSR')
+    control.wait()
+    console.key('1', 'ctrl+r')
+    console.wait_for('status', text='RED RED kart 1: sent [3-9] times in .* no answer. USE THE M')
 
     new = {'record': tmp_path / 'another.sqlite3'}
     again = parts.enter_context(RaceControl(tmp_path, domain, (1, 2), parameters=new))
@@ -851,10 +785,10 @@ def race_with_links() -> msg.Race:
 
 @pytest.mark.long
 def test_screenshots_of_links_that_are_good_fair_poor_and_lost_30_s_after_green(
-    speak: Callable[..., Speaker], open_console: OpenConsole, tmp_path: pathlib.Path
+    parts: contextlib.ExitStack, domain: int, open_console: OpenConsole, tmp_path: pathlib.Path
 ) -> None:
-    race = race_with_links()
-    console = open_console(speak(race=race).domain)
+    parts.enter_context(Speaker(domain, race_with_links()))
+    console = open_console(domain)
 
     console.wait_for('kart_3', linked='true', text='poor\n620 ms')
     console.wait_for('kart_5', linked='false')
@@ -865,12 +799,8 @@ def test_screenshots_of_links_that_are_good_fair_poor_and_lost_30_s_after_green(
 # ----- nothing keeps a stop -----------------------------------------------------------------
 
 
-def test_nothing_that_opens_takes_a_stop(
-    speak: Callable[..., Speaker], open_console: OpenConsole
-) -> None:
-    speaker = speak(race=race_of(range(1, 13), reason=LONG), accepts=True)
-    console = open_console(speaker.domain)
-    console.wait_for('kart_in_garage_1', barred='true')
+def test_nothing_that_opens_takes_a_stop(the_speaker: tuple[Speaker, Console]) -> None:
+    speaker, console = the_speaker
     x, y = console.place('log')
     bar = console.wait_for('karts')
 
@@ -902,19 +832,47 @@ def test_nothing_that_opens_takes_a_stop(
         speaker.wait_for_stop('all_kill')
 
 
+@pytest.fixture
+def lay_out(the_speaker: tuple[Speaker, Console]) -> Iterator[Callable[..., object]]:
+    """Return what gives that window's screen another keyboard until the end of the test."""
+    _, console = the_speaker
+    yield console.screen.lay_out
+    console.screen.lay_out('us')
+
+
+@pytest.mark.parametrize('layout', [('fr', 'bepo'), ('ca',), ('de', 'neo'), ('bt',)], ids='-'.join)
+def test_the_space_bar_is_all_kill_on_every_layout_whatever_is_held_with_it(
+    the_speaker: tuple[Speaker, Console],
+    lay_out: Callable[..., object],
+    layout: tuple[str, ...],
+) -> None:
+    speaker, console = the_speaker
+    lay_out(*layout)
+    # The lock is put on by one of them and off again by another.
+    held = ('shift', 'altgr', 'shift+altgr', 'ctrl', 'caps', 'shift+caps', 'caps+altgr', 'caps')
+
+    for keys in ('space', *(f'{each}+space' for each in held), 'ctrl+altgr+F12'):
+        console.key(keys)
+
+        speaker.wait_for_stop('all_kill')
+        console.wait_for('kill_hint', text='SPACE BAR')  # accepted: not the one before once more
+
+
+@pytest.mark.parametrize(('layout', 'digit', 'kart'), [('fr', 'shift+7', 7), ('ru', '2', 2)])
 def test_a_kart_is_stopped_on_a_keyboard_of_another_country(
-    speak: Callable[..., Speaker], open_console: OpenConsole
+    the_speaker: tuple[Speaker, Console],
+    lay_out: Callable[..., object],
+    layout: str,
+    digit: str,
+    kart: int,
 ) -> None:
     """On one whose digits need Shift, and on one without Latin letters."""
-    console = open_console(speak(race=race_of((2, 7))).domain)
-    console.wait_for('kart_7')
+    speaker, console = the_speaker
+    lay_out(layout)
 
-    console.screen.remap('7', 'egrave', '7')
-    console.key('shift+7', 'ctrl+r')
-    console.wait_for('status', text='RED RED kart 7: sent')
-    console.screen.remap('r', 'Cyrillic_ka', 'Cyrillic_KA')
-    console.key('2', 'ctrl+r')
-    console.wait_for('status', text='RED RED kart 2: sent')
+    console.key(digit, 'ctrl+r')
+
+    speaker.wait_for_stop('kart/red_red', kart)
 
 
 # ----- what is missing --------------------------------------------------------------------

@@ -101,6 +101,10 @@ class Console(Program):
         widget: dict[str, Any] = answer['widget']
         return widget
 
+    def becomes(self, name: str, seconds: float, **wanted: object) -> bool:
+        """Return whether a widget becomes as wanted within some seconds."""
+        return bool(self._ask(do='wait', name=name, wanted=wanted, seconds=seconds)['found'])
+
     def _seen(self) -> str:
         """Return every text that the window shows, and what it has printed."""
         shown = (
@@ -174,9 +178,7 @@ class Console(Program):
         return self.wait_for(name, **wanted)
 
     def _is_spoilt(self) -> bool:
-        wanted = {'text': 'Press NO and start again'}
-        problem = self._ask(do='wait', name='question_warning', wanted=wanted, seconds=0.0)
-        return bool(problem['found'])
+        return self.becomes('question_warning', 0.0, text='Press NO and start again')
 
     def ask(self, *names: str, **wanted: object) -> None:
         """Press keys until the last one has the window ask a question, as wanted."""

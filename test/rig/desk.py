@@ -23,9 +23,13 @@ class Desk:
     ) -> None:
         self.control, self.official, self._racing = control, official, racing
 
-    def clear(self) -> None:
-        """Have a race in the garage without a hold, whatever the test before has left."""
-        official = self.official
+    def clear(self, *racing: int) -> None:
+        """
+        Have a race in the garage without a hold, whatever the test before has left.
+
+        :param racing: the karts in the race, if not the usual ones.
+        """
+        official, racing = self.official, racing or self._racing
         official.wait_for_race(
             lambda race: not any(kart.connected for kart in race.karts), 'every kart away'
         )
@@ -37,7 +41,7 @@ class Desk:
         for kart in race.karts:
             if state_of(kart.hold) is not None:
                 official.command('kart/in_garage', kart=kart.number, made_safe_by_hand=True)
-            if kart.in_race is not (kart.number in self._racing):
+            if kart.in_race is not (kart.number in racing):
                 official.command('set_in_race', kart=kart.number, in_race=not kart.in_race)
         if race.track.open:
             official.command('set_track_open', open=False)

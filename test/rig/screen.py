@@ -5,18 +5,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-import contextlib
 import ctypes
 import ctypes.util
 import os
 import shutil
+from string import ascii_lowercase, digits
 import subprocess
 
 from evgp_testing.part import Part
 
 # Of X11/X.h
-_POINTER_ROOT = 1
 _SUBSTRUCTURE_NOTIFY = 1 << 19
 _MAP_NOTIFY = 19
 
@@ -49,7 +47,6 @@ class Screen(Part):
 
     def __init__(self) -> None:
         """Start the server, at the first display that is free."""
-        self.is_remapped = False
         reading, writing = os.pipe()
         try:
             self._server = subprocess.Popen(
@@ -76,16 +73,6 @@ class Screen(Part):
         self._open = ctypes.c_void_p(self._x.XOpenDisplay(self.display.encode()))
         assert self._open.value, f'no connection to {self.display}'
 
-    def put_back(self) -> None:
-        """Have the mouse and keyboard as on a screen that was just started; no window is open."""
-        for button in (1, 3):
-            self._button(0, button)
-        self.move(self.width // 2, self.height // 2)
-        self._x.XSetInputFocus(
-            self._open, ctypes.c_ulong(_POINTER_ROOT), _POINTER_ROOT, ctypes.c_ulong(0)
-        )
-        self._x.XSync(self._open, 0)
-
     def move(self, x: int, y: int) -> None:
         self._test.XTestFakeMotionEvent(self._open, -1, x, y, ctypes.c_ulong(0))
         self._x.XSync(self._open, 0)
@@ -99,31 +86,14 @@ class Screen(Part):
         self._button(1, 3)
         self._button(0, 3)
 
-    def remap(self, name: str, *symbols: str) -> None:
-        """
-        Put other signs onto a key, as another layout of the keyboard does.
-
-        ``key`` still finds it by its old name.
-
-        :param symbols: the X names of what it gives alone, and with Shift.
-        """
-        code = self._code(name)
-        codes = [self._x.XStringToKeysym(each.encode()) for each in symbols]
-        assert all(codes), symbols
-        self.is_remapped = True
-        many = (ctypes.c_ulong * len(codes))(*codes)
-        self._x.XChangeKeyboardMapping(self._open, code, len(codes), many, 1)
-        self._x.XSync(self._open, 0)
-
     def lay_out(self, layout: str, variant: str = '') -> None:
         """
         Have another layout of the keyboard, as xkb-data names it.
 
-        ``key`` still finds the space bar, F12 and the modifiers where they were.
+        ``key`` still finds each key where it is on the first layout.
         """
-        for name in ('space', 'F12', *_MODIFIERS.values()):
+        for name in ('space', 'F12', *ascii_lowercase, *digits, *_MODIFIERS.values()):
             self._code(name)
-        self.is_remapped = True
         subprocess.run(
             ['setxkbmap', '-display', self.display, '-layout', layout, '-variant', variant],
             check=True,
@@ -160,10 +130,6 @@ class Screen(Part):
         while ctypes.cast(event, ctypes.POINTER(ctypes.c_int))[0] != _MAP_NOTIFY:
             self._x.XNextEvent(self._open, ctypes.byref(event))
 
-    @property
-    def is_there(self) -> bool:
-        return self._server.poll() is None
-
     def close(self) -> None:
         self._x.XCloseDisplay(self._open)
         self._server.terminate()
@@ -181,31 +147,3 @@ class Screen(Part):
         code: int = self._x.XKeysymToKeycode(self._open, ctypes.c_ulong(symbol))
         self._codes[name] = code
         return code
-
-
-class Screens:
-    """Screens that are used again, since most of a short test is the start of its screen."""
-
-    def __init__(self) -> None:
-        """Have none as yet."""
-        self._idle: list[Screen] = []
-
-    @contextlib.contextmanager
-    def one(self) -> Iterator[Screen]:
-        """Have a screen meanwhile, as if it were a new one."""
-        if self._idle:
-            screen = self._idle.pop()
-            screen.put_back()
-        else:
-            screen = Screen()
-        try:
-            yield screen
-        finally:
-            if screen.is_remapped or not screen.is_there:
-                screen.close()
-            else:
-                self._idle.append(screen)
-
-    def close(self) -> None:
-        while self._idle:
-            self._idle.pop().close()
