@@ -23,29 +23,37 @@ from rig.stop_button import Ear, StopButton
 from test_security import in_graph
 
 Start = Callable[..., tuple[StopButton, Ear]]
+Manned = tuple[WireRace, StopButton, Ear]
 
 
 @pytest.fixture(scope='module')
-def the_race(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireRace]:
-    """Return a race of three karts, and one that is not in it: no test here ends it."""
-    with WireRace(tmp_path_factory.mktemp('race'), (1, 2, 3), (4,)) as race:
-        yield race
+def the_race(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Manned]:
+    """Return a race of three karts and one outside, a stop button on it, and who hears that."""
+    folder = tmp_path_factory.mktemp('race')
+    with (
+        WireRace(folder, (1, 2, 3), (4,)) as race,
+        Ear(race.domain) as ear,
+        StopButton(folder, race.domain) as button,
+    ):
+        yield race, button, ear
 
 
 @pytest.fixture
-def race(the_race: WireRace) -> WireRace:
-    """Return that race in GREEN_GREEN, once the button of the test before is gone."""
-    the_race.official.wait_for_race(lambda seen: not seen.able_to_stop, 'nobody any more')
-    the_race.bring_to(RaceState.IN_GARAGE)
-    the_race.bring_to(RaceState.GREEN_GREEN)
-    with the_race.official.news:
-        the_race.official.events.clear()
+def manned(the_race: Manned) -> Manned:
+    """Return that race in GREEN_GREEN, with its button up."""
+    race, button, ear = the_race
+    button.move(False)
+    race.bring_to(RaceState.IN_GARAGE)
+    race.bring_to(RaceState.GREEN_GREEN)
+    with race.official.news:
+        race.official.events.clear()
+    ear.wait_for_working()
     return the_race
 
 
 @pytest.fixture
 def start(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Start:
-    """Return a function that starts a stop button, and somebody who hears it."""
+    """Return a function that starts another stop button, and somebody who hears it."""
 
     def start(domain: int) -> tuple[StopButton, Ear]:
         ear = parts.enter_context(Ear(domain))
@@ -54,40 +62,37 @@ def start(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Start:
     return start
 
 
-def test_a_press_stops_every_kart(race: WireRace, start: Start) -> None:
-    button, ear = start(race.domain)
-    ear.wait_for_working()
+def test_a_press_stops_every_kart(manned: Manned) -> None:
+    race, button, ear = manned
     assert race.karts[0].state is RaceState.GREEN_GREEN
+    before = ear.heard[-1].presses
     button.move(True)
     for kart in race.karts:
         kart.wait_for_state(RaceState.RED_RED)
     race.official.wait_for_event(lambda event: event.official.startswith('Anna ('), 'by Anna')
-    assert ear.wait_for(lambda each: each.presses).presses == 1
+    ear.wait_for(lambda each: each.presses == before + 1)
 
 
-def test_a_held_key_is_one_press_and_is_told_and_the_next_press_counts(
-    race: WireRace, start: Start
-) -> None:
-    button, ear = start(race.domain)
-    ear.wait_for_working()
+def test_a_held_key_is_one_press_and_is_told_and_the_next_press_counts(manned: Manned) -> None:
+    _, button, ear = manned
+    before = ear.heard[-1].presses
     for _ in range(20):
         button.move(True)
-    assert ear.wait_for(lambda each: each.fault and each.presses).presses == 1
+    told = ear.wait_for(lambda each: each.fault and each.presses > before)
+    assert told.presses == before + 1
     button.move(False)
     ear.wait_for_working()
     button.move(True)
-    ear.wait_for(lambda each: each.presses == 2)
+    ear.wait_for(lambda each: each.presses == before + 2)
 
 
-def test_a_device_that_is_gone_is_told_and_works_again_once_it_is_back(
-    race: WireRace, start: Start
-) -> None:
-    button, ear = start(race.domain)
-    ear.wait_for_working()
+def test_a_device_that_is_gone_is_told_and_works_again_once_it_is_back(manned: Manned) -> None:
+    race, button, ear = manned
+    presses = ear.heard[-1].presses
     for _ in range(3):
         before = len(ear.heard)
         button.unplug()
-        assert not ear.wait_for(lambda each: each.fault, before).presses
+        assert ear.wait_for(lambda each: each.fault, before).presses == presses
         button.plug()
         ear.wait_for_working()
     assert all(kart.state is RaceState.GREEN_GREEN for kart in race.karts[:3])
@@ -96,10 +101,9 @@ def test_a_device_that_is_gone_is_told_and_works_again_once_it_is_back(
 
 
 def test_a_button_whose_program_is_frozen_is_silent_and_its_press_counts_once_it_is_not(
-    race: WireRace, start: Start
+    manned: Manned,
 ) -> None:
-    button, ear = start(race.domain)
-    ear.wait_for_working()
+    race, button, ear = manned
     button.program.signal(signal.SIGSTOP)
     button.move(True)
     seen = race.official.wait_for_race(lambda _: True, 'the race')
@@ -140,10 +144,9 @@ def test_an_end_in_order_is_told_and_every_start_has_another_name(
 
 
 def test_race_control_allows_a_button_all_kill_and_no_other_command(
-    race: WireRace, start: Start
+    manned: Manned,
 ) -> None:
-    _, ear = start(race.domain)
-    ear.wait_for_working()
+    _, _, ear = manned
     named = ('rcs_button', '/'), ('rcs_button_calls', '/')
     ear.wait_until_polled(lambda: in_graph(ear.node, *named).asked, 'its nodes in the graph')
     seen = in_graph(ear.node, *named)
