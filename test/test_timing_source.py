@@ -14,7 +14,7 @@ import socket
 import tty
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from evgp_node.roster import Format
+from evgp_node.roster import Heat
 from evgp_node.stamps import stamp_of
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import free_port
@@ -171,7 +171,7 @@ def test_a_decoder_of_the_field_gives_a_kart_laps_by_number_or_label_and_gates_a
         heard = listener.wait_for_passings(3)
         listener.wait_for_status(DiagnosticStatus.WARN, passings='3', missed='0')
     for name in ('102758186', 'FL-94890', '102758186 FL-94890'):
-        laps = Laps(LapSettings(), Format.RACE, 0, 0.0, (7,), {name: 7}).again()
+        laps = Laps(LapSettings(), Heat(''), 0.0, (7,), {name: 7}).again()
         for each in map(passing_of, heard):
             laps, _ = laps.take([each], each.stamp_ns / 1e9)
         assert len(laps.result(7).lap_times) == 2

@@ -32,7 +32,6 @@ from evgp_node.results import (
     HeatGrid,
     Identity,
     KartResult,
-    Mark,
     MOST_PASSINGS,
     Passing,
     Penalty,
@@ -174,8 +173,7 @@ class Race:
     :param started: whether race control has sent GREEN_GREEN.
     :param published: the results that an official has published; empty if there are none.
     :param missed: number of events from race control that were lost.
-    :param by_finish: for each kart whose FINISH counted as a crossing, the passing made for it,
-        or the beam's passing that it assigned to the kart.
+    :param by_finish: the passing made for each kart's FINISH that counts as a crossing.
     :param undone: the karts whose finish an official has undone.
     """
 
@@ -192,7 +190,7 @@ class Race:
     @property
     def heat(self) -> str:
         """Return the name of the race's heat, or an empty string."""
-        return self.laps.heat
+        return self.laps.heat.name
 
 
 class Desk:
@@ -239,8 +237,7 @@ class Desk:
                 race.laps = self._laps(told.heat, told.at, laps)
             case What.SENT_GREEN if race.started and kart not in laps.karts:
                 karts = (*laps.karts, kart)
-                grid = self._grid(karts, self._heat(laps.heat))
-                race.laps = laps.again(karts=karts, grid=grid)
+                race.laps = laps.again(karts=karts, grid=self._grid(karts, laps.heat))
             case What.FINISH:
                 self._finish(race, kart, told.at)
             case What.UNDO_FINISH:
@@ -267,7 +264,6 @@ class Desk:
 
     def _laps(self, heat: str, begins: float, before: Laps | None) -> Laps:
         """Return the laps of a new race, with the sources' clocks as in the previous race."""
-        known = self._heat(heat)
         owners = {**self.roster.transponders, **self._given}
         anchors = {}
         if before is not None:
@@ -276,26 +272,21 @@ class Desk:
                 source: each._replace(came=each.came - sooner, at=each.at - sooner)
                 for source, each in before.anchors.items()
             }
-        laps = Laps(self.settings, known.format, known.laps, begins, (), owners, heat=heat)
-        return laps.again(anchors=anchors)
+        return Laps(self.settings, self._heat(heat), begins, (), owners, anchors=anchors)
 
     def _finish(self, race: Race, kart: int, at: float) -> None:
         """Record a FINISH. If only one lap is missing, FINISH counts as the last crossing."""
         laps = race.laps
-        if laps.wanted and len(laps.counted.get(kart, ())) == laps.wanted:
-            seen = self._count(race, kart, at)
-            if seen is not None and seen.mark is Mark.COUNTED:
-                race.by_finish[kart] = seen.passing.identity
+        lacks_one = laps.wanted and len(laps.counted.get(kart, ())) == laps.wanted
+        if lacks_one and self._count(race, kart, at):
+            race.by_finish[kart] = race.laps.crossings[-1].passing.identity
         race.laps = race.laps.finish(kart, at)
 
     def _undo_finish(self, race: Race, kart: int) -> None:
         race.undone.add(kart)
         race.laps = race.laps.undo_finish(kart)
-        crossing = race.by_finish.pop(kart, None)
-        if crossing is not None and crossing.source == BY_HAND:
-            race.laps = race.laps.strike(crossing, 'its FINISH was undone')
-        elif crossing is not None:  # a beam saw it, perhaps another kart
-            race.laps = race.laps.take_back(crossing)
+        if kart in race.by_finish:
+            race.laps = race.laps.strike(race.by_finish.pop(kart), 'its FINISH was undone')
 
     # ----- the timing line ----------------------------------------------------------------
 
@@ -308,11 +299,7 @@ class Desk:
         if self.races:
             race = self.races[-1]
             terms = given.at, given.dropped, given.away
-            race.laps, taken = race.laps.take(fresh.values(), *terms)
-            for each in taken:
-                kart, identity = each.kart, each.passing.identity
-                if race.by_finish.get(kart) in race.laps.struck and identity in race.laps.given:
-                    race.by_finish[kart] = identity  # a beam saw what FINISH had recorded
+            race.laps, _ = race.laps.take(fresh.values(), *terms)
 
     @staticmethod
     def _count(race: Race, kart: int, at: float) -> Crossing | None:
@@ -435,7 +422,7 @@ class Desk:
     # ----- results ------------------------------------------------------------------------
 
     def _heat(self, name: str) -> Heat:
-        return next((heat for heat in self.roster.heats if heat.name == name), Heat(''))
+        return next((heat for heat in self.roster.heats if heat.name == name), Heat(name))
 
     def counting(self) -> dict[str, Race]:
         """
@@ -448,10 +435,9 @@ class Desk:
 
     def best(self, format_: Format) -> tuple[KartResult, ...]:
         """Return each kart's best result in the races that count for the heats of a format."""
-        races = (race.laps for race in self.counting().values())
-        return overall(
-            format_, (each for laps in races if laps.format is format_ for each in laps.results)
-        )
+        counting = (race.laps for race in self.counting().values())
+        races = (laps for laps in counting if laps.heat.format is format_)
+        return overall(format_, (each for laps in races for each in laps.results))
 
     def _order(self, source: str) -> dict[int, int]:
         """Return the place in the results of a heat, or of all heats of a format, by kart."""
@@ -489,12 +475,12 @@ class Desk:
         return seen._replace(
             run=race.run,
             race=race.number,
-            heat=laps.heat,
-            format=laps.format,
+            heat=race.heat,
+            format=laps.heat.format,
             laps=laps.wanted,
             grid=laps.grid,
             karts=laps.results,
-            overall=self.best(laps.format),
+            overall=self.best(laps.heat.format),
             passings=tuple(laps.last_passings(MOST_PASSINGS)),
             published=bool(race.published) and race.published == laps.results,
         )
@@ -524,7 +510,7 @@ class Desk:
         race = race or self.races[-1]
         laps, missed = race.laps, race.missed
         asked = [f'{missed} events from race control were lost. Check the laps'] if missed else []
-        others = {laps.heat} - {'', *(heat.name for heat in self.roster.heats)}
+        others = {race.heat} - {'', *(heat.name for heat in self.roster.heats)}
         others |= {f'kart {kart}' for kart in laps.karts if kart not in self.roster.karts}
         if others:
             asked.append(
@@ -543,6 +529,6 @@ class Desk:
             each for each in laps.results if each.kart in laps.finished and not each.penalties
         ]
         in_order = sorted(placed, key=lambda each: (-each.laps, laps.finished[each.kart]))
-        if laps.format is Format.RACE and placed != in_order:
+        if laps.heat.format is Format.RACE and placed != in_order:
             asked.append('The order of FINISH differs from the order of the results')
         return asked

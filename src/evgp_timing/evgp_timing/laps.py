@@ -10,10 +10,10 @@ timing device. This module keeps each passing as it arrived, and judges it by th
 kart. This module then judges all passings again. The laps do not depend on what a kart is sent.
 
 A beam sees something cross the line, and an official says which kart it was. The official's
-passing assigns the oldest unidentified crossing of the last `BEAM_PRESS` seconds to that kart. If
-the official was quicker, a crossing that the beam, or another source that knows the kart, sees
-within `clock_tolerance` after the official's passing replaces that passing. Both happen only if
-the crossing counts for that kart.
+passing claims the oldest unidentified crossing of the last `BEAM_PRESS` seconds for that kart. If
+the official was quicker, the passing claims the crossing that the beam, or another source that
+knows the kart, sees within `clock_tolerance` after it. Both happen only if the crossing counts for
+that kart. The crossing then counts in place of the official's passing, until that is struck out.
 
 A passing counts for a kart that started the race if all of these are true:
 
@@ -40,7 +40,7 @@ This module is pure, and its objects are immutable. Each change returns a new ``
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass, field
 import functools
@@ -58,7 +58,7 @@ from evgp_node.results import (
     Penalty,
     Status,
 )
-from evgp_node.roster import Format
+from evgp_node.roster import Format, Heat
 from evgp_timing.passings import CLOCK_TOLERANCE, MAX_RATE
 
 MOST_A_RACE = 4_000
@@ -102,63 +102,44 @@ class LapSettings:
     clock_tolerance: float = CLOCK_TOLERANCE
 
 
-class _Rate(NamedTuple):
-    """
-    The passings accepted from a source.
-
-    :param since: start of the current second, in seconds since GREEN_GREEN.
-    :param lately: number of passings accepted since then.
-    :param taken: number of passings accepted in this race.
-    """
-
-    since: float = -math.inf
-    lately: int = 0
-    taken: int = 0
-
-
 @dataclass(frozen=True)
 class Laps:
     """
     The laps of one race.
 
-    :param wanted: number of laps that each kart must drive; 0 if no number is set.
+    :param heat: the race's heat; without a name if it had none.
     :param green: when race control sent GREEN_GREEN, in seconds on the rules' clock.
     :param karts: the karts that started.
     :param transponders: the kart of each transponder.
-    :param heat: name of the race's heat, if it had one.
     :param grid: the starting order of the karts, if it is known.
     :param ended: when the race was stopped or ended, in seconds since GREEN_GREEN.
     :param finished: when each kart finished, in seconds since GREEN_GREEN.
     :param left: when each kart left the race, in seconds since GREEN_GREEN.
     :param crossings: every accepted passing, in order of arrival, and how it was judged.
     :param struck: the passings that were struck out, and why.
-    :param given: the karts to which officials assigned unidentified passings.
+    :param claims: for each official's passing that claimed a crossing, the kart and the crossing.
     :param penalties: the penalties, in the order in which officials gave them.
     :param counted: the times of each kart's counted crossings, in seconds since GREEN_GREEN.
     :param clocks: sources whose clocks disagreed with the arrival times.
     :param over: number of surplus passings, by source.
-    :param rates: the passings accepted from each source.
     :param anchors: the crossing by which the clock of each source and session is set.
     """
 
     settings: LapSettings
-    format: Format  # noqa: A003 - the field's name
-    wanted: int
+    heat: Heat
     green: float
     karts: tuple[int, ...]
     transponders: Mapping[str, int] = field(default_factory=dict)
-    heat: str = ''
     ended: float = math.inf
     finished: Mapping[int, float] = field(default_factory=dict)
     left: Mapping[int, float] = field(default_factory=dict)
     crossings: tuple[Crossing, ...] = ()
     struck: Mapping[Identity, str] = field(default_factory=dict)
-    given: Mapping[Identity, int] = field(default_factory=dict)
+    claims: Mapping[Identity, tuple[int, Identity]] = field(default_factory=dict)
     penalties: tuple[Penalty, ...] = ()
     counted: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     clocks: frozenset[str] = frozenset()
     over: Mapping[str, int] = field(default_factory=dict)
-    rates: Mapping[str, _Rate] = field(default_factory=dict)
     anchors: Mapping[tuple[str, str], Crossing] = field(default_factory=dict)
     grid: tuple[int, ...] = ()
 
@@ -177,26 +158,23 @@ class Laps:
         """
         came = now - self.green
         crossings: list[Crossing] = []
-        rates, over, anchors = dict(self.rates), dict(self.over), dict(self.anchors)
-        clocks = set(self.clocks)
+        over, anchors, clocks = dict(self.over), dict(self.anchors), set(self.clocks)
+        arrivals: dict[str, list[float]] = {}
+        for each in self.crossings:
+            arrivals.setdefault(each.passing.source, []).append(each.came)
         if dropped:
             over[ALL_SOURCES] = over.get(ALL_SOURCES, 0) + dropped
         for passing in passings:
             source = passing.source
-            if source == BY_HAND and (beam := self._waiting(came)):
-                laps, seen = self._give(beam, passing.kart)
-                if seen.mark is Mark.COUNTED:
-                    return laps, [seen]
-            others = len(rates) - (BY_HAND in rates)
-            is_taken = source == BY_HAND or others < MOST_SOURCES
-            rate = rates.get(source, _Rate(taken=0 if is_taken else MOST_A_RACE))
-            if came - rate.since >= 1.0:
-                rate = rate._replace(since=came, lately=0)
-            if rate.lately >= MAX_RATE or rate.taken >= MOST_A_RACE:
-                name = source if source in rates else FURTHER_SOURCES
-                over[name] = over.get(name, 0) + 1
+            if len(arrivals.keys() - {source, BY_HAND}) >= MOST_SOURCES and source != BY_HAND:
+                over[FURTHER_SOURCES] = over.get(FURTHER_SOURCES, 0) + 1
                 continue
-            rates[source] = rate._replace(lately=rate.lately + 1, taken=rate.taken + 1)
+            before = arrivals.setdefault(source, [])
+            is_flood = len(before) >= MAX_RATE and came - before[-MAX_RATE] < 1.0
+            if is_flood or len(before) >= MOST_A_RACE:
+                over[source] = over.get(source, 0) + 1
+                continue
+            before.append(came)
             crossing = Crossing(passing, came, came)
             if source == BY_HAND:  # an official's passing has no clock of its own
                 crossings.append(crossing)
@@ -221,15 +199,10 @@ class Laps:
                 if came <= self.ended:
                     clocks.add(source)
             crossings.append(crossing)
-        laps = dataclasses.replace(
-            self, rates=rates, over=over, anchors=anchors, clocks=frozenset(clocks)
-        )
+        laps = dataclasses.replace(self, over=over, anchors=anchors, clocks=frozenset(clocks))
         laps, taken = laps._judge(crossings)
         for place, each in enumerate(taken):
-            while press := laps._press_before(taken[place]):  # two officials may have pressed
-                why = f'seen by {each.passing.identity}'
-                struck = {**laps.struck, press.passing.identity: why}
-                laps, taken[place] = laps._give(each, press.passing.kart, struck=struck)
+            laps, taken[place] = laps._pair(each)
         return laps, taken
 
     def _shows_jump(self, one: Crossing, later: Crossing) -> bool:
@@ -246,38 +219,35 @@ class Laps:
         in_step = since > tolerance and abs(later.at - one.at - since) <= tolerance
         return one.at >= 0.0 or in_step
 
-    def _waiting(self, came: float) -> Crossing | None:
-        """Return the oldest unidentified crossing that an official may be identifying now."""
-        lately = (each for each in self._unknown if came - each.came <= BEAM_PRESS)
-        return next((each for each in lately if not each.passing.transponder), None)
+    def _pair(self, new: Crossing) -> tuple[Laps, Crossing]:
+        """Let an official's passing claim a crossing, if one of them is new; return the latter."""
+        for seen, presses in self._pairs(new):
+            identity = seen.passing.identity
+            claims = {each.passing.identity: (each.kart, identity) for each in presses}
+            laps = self.again(claims={**self.claims, **claims})
+            counted = next(each for each in laps.crossings if each.passing == seen.passing)
+            if counted.mark is Mark.COUNTED:
+                return laps, counted
+        return self, new
 
-    def _press_before(self, crossing: Crossing) -> Crossing | None:
-        """Return the oldest passing by an official that this crossing replaces, or None."""
-        found, kart, passing = None, crossing.kart, crossing.passing
-        is_strange = bool(passing.transponder) and not kart
-        if crossing.mark is Mark.COUNTED or passing.source == BY_HAND or is_strange:
-            return None
-        for each in reversed(self.crossings):
-            later = crossing.came - each.came
-            if later > self.settings.clock_tolerance:
-                break
-            # While the timekeeper was away, the kart may have crossed long before this press.
-            is_its = kart == each.kart if kart else later >= -BEAM_PRESS
-            if is_its and each.passing.source == BY_HAND and each.mark is Mark.COUNTED:
-                others = tuple(at for at in self.counted[each.kart] if at != each.at)
-                if self._mark(crossing, each.kart, others) is Mark.COUNTED:
-                    found = each
-        return found
-
-    def _give(self, crossing: Crossing, kart: int, **changes: Any) -> tuple[Laps, Crossing]:
-        """Assign a crossing to a kart and return how it is then judged."""
-        passing = crossing.passing
-        laps = self.again(given={**self.given, passing.identity: kart}, **changes)
-        return laps, next(each for each in laps.crossings if each.passing == passing)
-
-    def take_back(self, identity: Identity) -> Laps:
-        """Undo that an unidentified crossing was assigned to a kart."""
-        return self.again(given={key: kart for key, kart in self.given.items() if key != identity})
+    def _pairs(self, new: Crossing) -> Iterator[tuple[Crossing, list[Crossing]]]:
+        """Yield crossings that may be the same as officials' passings, if one of them is new."""
+        if new.passing.source == BY_HAND:
+            lately = (each for each in self._unnamed if new.came - each.came <= BEAM_PRESS)
+            for seen in itertools.islice(lately, 1):
+                yield seen, [new]
+        elif new.mark is not Mark.COUNTED and (new.kart or not new.passing.transponder):
+            # While the timekeeper was away, the kart may have crossed long before a press.
+            since = -math.inf if new.kart else -BEAM_PRESS
+            near = [
+                each
+                for each in self._presses
+                if since <= new.came - each.came <= self.settings.clock_tolerance
+            ]
+            counted = dict.fromkeys(each.kart for each in near if each.mark is Mark.COUNTED)
+            for kart in counted:
+                if new.kart in (0, kart):  # two officials may have pressed
+                    yield new, [each for each in near if each.kart == kart]
 
     def _judge(self, crossings: Sequence[Crossing]) -> tuple[Laps, list[Crossing]]:
         """Judge more crossings, in the order in which they arrived, and add them."""
@@ -293,8 +263,11 @@ class Laps:
         return dataclasses.replace(self, crossings=together, counted=counted), judged
 
     def _mark(self, crossing: Crossing, kart: int, times: tuple[float, ...]) -> Mark:
-        if crossing.passing.identity in self.struck:
+        identity = crossing.passing.identity
+        if identity in self.struck:
             return Mark.STRUCK
+        if identity in self.claims:
+            return Mark.NOT_COUNTED
         if not kart and crossing.came <= self.ended:
             return Mark.UNKNOWN
         finish = self.finished.get(kart, math.inf) + self.settings.clock_tolerance
@@ -321,7 +294,7 @@ class Laps:
             return self.transponders.get(passing.transponder, alone)
         # A beam cannot tell karts apart. If only one kart races, that kart has crossed.
         alone = self.karts[0] if len(self.karts) == 1 else 0
-        return self.given.get(passing.identity, alone)
+        return self._claimed.get(passing.identity, alone)
 
     def again(self, **changes: Any) -> Laps:
         """Return new laps with these fields changed and all passings judged again."""
@@ -376,10 +349,32 @@ class Laps:
         """Return whether a kart has completed all its laps."""
         return bool(self.wanted) and len(self.counted.get(kart, ())) > self.wanted
 
+    @property
+    def wanted(self) -> int:
+        """Return the number of laps that each kart must drive; 0 if no number is set."""
+        return self.heat.laps
+
+    @functools.cached_property
+    def _claimed(self) -> dict[Identity, int]:
+        """Return the kart of each crossing that an official's passing claims."""
+        held = (claim for press, claim in self.claims.items() if press not in self.struck)
+        return {identity: kart for kart, identity in held}
+
+    @functools.cached_property
+    def _presses(self) -> tuple[Crossing, ...]:
+        """Return the officials' passings that claim nothing and are not struck out."""
+        by_hand = (each for each in self.crossings if each.passing.source == BY_HAND)
+        return tuple(each for each in by_hand if each.mark in (Mark.COUNTED, Mark.DOUBTFUL))
+
     @functools.cached_property
     def _unknown(self) -> tuple[Crossing, ...]:
         """Return the crossings of unknown karts, oldest first."""
         return tuple(each for each in self.crossings if each.mark is Mark.UNKNOWN)
+
+    @functools.cached_property
+    def _unnamed(self) -> tuple[Crossing, ...]:
+        """Return the crossings that an official must identify, oldest first."""
+        return tuple(each for each in self._unknown if not each.passing.transponder)
 
     def trouble(self, now: float) -> str:
         """Return a sentence about the problems with the passings, or an empty string."""
@@ -391,33 +386,32 @@ class Laps:
             phrases.append(f'{count} passings from {source} were over the limit and do not count')
         if unknown := {each.passing.transponder for each in self._unknown} - {''}:
             phrases.append(f'no kart has the transponder {_some(unknown)}')
-        unnamed = (each.came for each in self._unknown if not each.passing.transponder)
-        if now - self.green - next(unnamed, math.inf) > BEAM_PRESS:
+        if self._unnamed and now - self.green - self._unnamed[0].came > BEAM_PRESS:
             phrases.append('a kart crossed the line but was not identified')
         return f'Check the laps: {"; ".join(phrases)}' if phrases else ''
 
     @functools.cached_property
     def results(self) -> tuple[KartResult, ...]:
         """Return the result of every kart, best first."""
-        return ranked(self.format, [self.result(kart) for kart in self.karts])
+        return ranked(self.heat.format, [self.result(kart) for kart in self.karts])
 
     @property
     def is_result(self) -> bool:
         """Return whether the race has a heat, and at least one kart has a lap."""
-        return bool(self.heat) and any(len(times) > 1 for times in self.counted.values())
+        return bool(self.heat.name) and any(len(times) > 1 for times in self.counted.values())
 
     def last_passings(self, most: int) -> list[Judged]:
-        """Return up to this many of the latest passings, oldest first."""
-        return [
-            Judged(
-                each.passing,
-                each.kart,
-                each.mark,
-                each.at,
-                self.struck.get(each.passing.identity, ''),
-            )
-            for each in self.crossings[-most:]
-        ]
+        """
+        Return up to this many of the latest passings, oldest first.
+
+        An official's passing that claims a crossing is not among them, but the crossing is.
+        """
+        last = []
+        for passing, _, at, kart, mark in self.crossings:
+            why = self.struck.get(passing.identity, '')
+            if why or passing.identity not in self.claims:
+                last.append(Judged(passing, kart, mark, at, why))
+        return last[-most:]
 
     def result(self, kart: int) -> KartResult:
         """Return the result of a kart that started, without its place."""
@@ -427,7 +421,7 @@ class Laps:
         laps = max(0, len(lap_times) - sum(each.laps for each in penalties))
         total = None
         if lap_times:
-            begun = 0.0 if self.format is Format.RACE else times[0]
+            begun = 0.0 if self.heat.format is Format.RACE else times[0]
             total = times[-1] - begun + sum(each.seconds for each in penalties)
         running = self.ended == math.inf and kart not in self.left
         done = kart in self.finished or self.is_done(kart)
@@ -437,7 +431,7 @@ class Laps:
             status = Status.RUNNING
         elif not lap_times:
             status = Status.NOT_CLASSIFIED
-        elif done or self.format is Format.PRACTICE:
+        elif done or self.heat.format is Format.PRACTICE:
             status = Status.CLASSIFIED
         else:
             status = Status.DNF
