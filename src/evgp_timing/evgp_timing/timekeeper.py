@@ -202,7 +202,7 @@ class Timekeeper(StrictNode):
         self._asked: dict[Finish, tuple[float, Future]] = {}
         self._shown: Standings | None = None
         self._kept_at = self._noted_at = -math.inf
-        self._kept: Standings | None = None
+        self._kept: dict[int, tuple[object, ...]] = {}  # what the book has of each race
         self._results = self.create_publisher(msg.Results, '~/results', RESULTS_QOS)
         self._finish = self.create_client(KartFinish, 'kart/finish')
         for act, entry in CORRECTIONS.items():
@@ -223,7 +223,7 @@ class Timekeeper(StrictNode):
         """Write the current results into the book and close it."""
         with self._turn:
             self._ended = True
-            self._keep(clock.now(), at_once=True)
+            self._keep(clock.now())
             self._book.close()
 
     def _alone(self, callback: Callable[..., None]) -> Callable[..., None]:
@@ -247,11 +247,14 @@ class Timekeeper(StrictNode):
         self._write(*given)
         return [self._feed(each) for each in given][-1]
 
-    def _write(self, *given: Input) -> None:
+    def _write(self, *given: Input | Standings) -> bool:
+        """Write entries into the book and return whether they are in it."""
         try:
             self._book.write(*given)
         except OSError as error:
-            self.get_logger().error(f'{error}. After a restart, this input will be missing')
+            self.get_logger().error(f'{error}. After a restart, or in the report, this is missing')
+            return False
+        return True
 
     def _feed(self, given: Input) -> Answer | None:
         if isinstance(given, (Told, Heard)):
@@ -324,11 +327,9 @@ class Timekeeper(StrictNode):
             answer = self._feed(given)
             assert answer is not None
             if answer.success:
-                self._write(given)
                 race = self._desk.race_of(given)
-                # `_keep` writes those of the newest race.
-                if race is not None and race is not self._desk.races[-1]:
-                    self._write_results(self._desk.standings(given.at, race))
+                corrected = [self._desk.standings(given.at, race)] if race is not None else []
+                self._write(given, *corrected)
             response.success, response.message = answer.success, answer.text
             self.get_logger().info(f'{answer.text} [{heard(request.official)}]')
 
@@ -346,17 +347,12 @@ class Timekeeper(StrictNode):
     def _look(self) -> None:
         now = clock.now()
         seen, last = self._desk.standings(now), self._shown
-        if last is not None and last.race and (last.run, last.race) != (seen.run, seen.race):
-            # `_keep` may not have written the last changes of the races before this one.
-            names = [(each.run, each.number) for each in self._desk.races]
-            first = names.index((last.run, last.race))
-            for race in self._desk.races[first:-1]:
-                self._write_results(self._desk.standings(now, race))
         if last is None or seen[1:] != last[1:] or now - last.stamp > SHOWN_EVERY:
             self._shown = seen
             wall_ns = time.time_ns() - round(now * 1e9)
             self._results.publish(message_of(seen, msg.Results, wall_ns))
-        self._keep(now)
+        if now - self._kept_at > KEPT_EVERY:
+            self._keep(now)
         if self._catches_up:
             return
         for wanted in self._desk.finishes():
@@ -366,24 +362,13 @@ class Timekeeper(StrictNode):
                     self._finish.remove_pending_request(call)
                 self._asked[wanted] = now, self._ask_for(wanted)
 
-    def _keep(self, now: float, at_once: bool = False) -> None:
-        """Write changed results into the book; unless `at_once`, only once per `KEPT_EVERY`."""
-        if self._shown is None or not self._shown.race:
-            return
-        is_new = self._kept is None or self._kept[1:] != self._shown[1:]
-        if is_new and (at_once or now - self._kept_at > KEPT_EVERY):
-            self._kept_at = now
-            if self._write_results(self._shown):
-                self._kept = self._shown
-
-    def _write_results(self, results: Standings) -> bool:
-        """Write results into the book and return whether they are in it."""
-        try:
-            self._book.write(results)
-        except OSError as error:
-            self.get_logger().error(f'{error}. The report lacks these results')
-            return False
-        return True
+    def _keep(self, now: float) -> None:
+        """Write the results of each race that has changed into the book, for reports."""
+        self._kept_at = now
+        for number, race in enumerate(self._desk.races):
+            has = race.laps, race.published
+            if has != self._kept.get(number) and self._write(self._desk.standings(now, race)):
+                self._kept[number] = has
 
     def _ask_for(self, wanted: Finish) -> Future:
         call = self._finish.call_async(KartFinish.Request(official=TIMEKEEPER, **wanted._asdict()))
