@@ -171,24 +171,26 @@ class Window:
     def rows(self, number: int) -> list[list[str]]:
         """Return what a table shows: 0 is that of the results, 1 that of the crossings."""
         table = self.widget.findChildren(QtWidgets.QTableWidget)[number]
-
-        def cell(row: int, column: int) -> str:
-            held = table.cellWidget(row, column)
-            found = held and held.findChildren(QtWidgets.QWidget)
-            return str(found[0].text() if found else table.item(row, column).text())
-
         return [
-            [cell(row, column) for column in range(table.columnCount())]
+            [table.item(row, column).text() for column in range(table.columnCount())]
             for row in range(table.rowCount())
         ]
 
-    def press(self, text: str, kart: str = '') -> None:
-        """Press a button by what it says; in the crossings the newest one of this kart."""
+    def click(self, number: int, row: int, column: int) -> None:
+        """Click a cell of a table."""
+        table = self.widget.findChildren(QtWidgets.QTableWidget)[number]
+        middle = table.visualItemRect(table.item(row, column)).center()
+        QtTest.QTest.mouseClick(table.viewport(), QtCore.Qt.MouseButton.LeftButton, pos=middle)
+
+    def correct(self, text: str, kart: str) -> None:
+        """Click what the newest crossing of a kart offers."""
+        row = [each[1] for each in self.rows(1)].index(kart)
+        assert self.rows(1)[row][3] == text
+        self.click(1, row, 3)
+
+    def press(self, text: str) -> None:
+        """Press a button by what it says."""
         buttons = self.widget.findChildren(QtWidgets.QPushButton)
-        if kart:
-            row = [each[1] for each in self.rows(1)].index(kart)
-            table = self.widget.findChildren(QtWidgets.QTableWidget)[1]
-            buttons = table.cellWidget(row, 3).findChildren(QtWidgets.QPushButton)
         (button,) = (each for each in buttons if each.text() == text and each.isVisible())
         assert button.isEnabled(), text
         QtTest.QTest.mouseClick(button, QtCore.Qt.MouseButton.LeftButton)
@@ -371,13 +373,13 @@ def test_a_lap_is_counted_by_its_kart_and_enter_and_struck_with_a_reason_and_res
     assert racing.text('lap') == ''
 
     said = racing.text('said')
-    racing.press('Strike', kart='7')
+    racing.correct('Strike', '7')
     racing.type_('reason', 'seen twice')
     racing.press('Cancel')
     racing.until(lambda: not racing.widget.findChildren(QtWidgets.QDialog))
     assert racing.text('said') == said
 
-    racing.press('Strike', kart='7')
+    racing.correct('Strike', '7')
     assert 'Kart 7 at 0:' in racing.text('text')
     yes = racing.find('dialog').findChildren(QtWidgets.QPushButton)[0]
     assert not yes.isEnabled()
@@ -385,7 +387,7 @@ def test_a_lap_is_counted_by_its_kart_and_enter_and_struck_with_a_reason_and_res
     racing.press('Strike passing')
     who = claim('Tina', os.uname().nodename, os.getpid())
     racing.until(lambda: racing.crossing('7') == f'by hand, struck: seen twice ({who}) [Restore]')
-    racing.press('Restore', kart='7')
+    racing.correct('Restore', '7')
     racing.until(lambda: racing.crossing('7') == 'by hand, starts lap 1 [Strike]')
     racing.until_said('RESTORE PASSING: passing official 1 is restored')
 
@@ -401,7 +403,7 @@ def test_a_transponder_is_given_to_its_kart_and_the_earlier_run_counts_once_it_i
     racing.until(lambda: len(racing.rows(1)) == 2)
     assert racing.crossing('?') == 'transponder 4711 [Whose?]'
     assert 'no kart has the transponder 4711' in racing.text('warning')
-    racing.press('Whose?', kart='?')
+    racing.correct('Whose?', '?')
     racing.choose('kart', '3  Georgia Tech')
     racing.press('Give transponder')
     racing.until_said('transponder 4711 belongs to kart 3')
@@ -447,10 +449,7 @@ def test_a_penalty_needs_a_kart_a_cost_and_a_reason_and_a_row_that_was_clicked_i
     racing.until_said('UNDO PENALTY refused: kart 7 has no penalty')
     assert racing.find('said').property('bad')
 
-    table = racing.widget.findChildren(QtWidgets.QTableWidget)[0]
-    row = [each[1] for each in racing.rows(0)].index('7')
-    middle = table.visualItemRect(table.item(row, 2)).center()
-    QtTest.QTest.mouseClick(table.viewport(), QtCore.Qt.MouseButton.LeftButton, pos=middle)
+    racing.click(0, [each[1] for each in racing.rows(0)].index('7'), 2)
     racing.press('Penalty…')
     racing.find('disqualified').setChecked(True)
     racing.type_('reason', 'not fit to race')
@@ -502,11 +501,13 @@ def test_where_the_service_is_not_there_nothing_is_sent(seen: Window, event: Eve
 # ----- without DDS ----------------------------------------------------------------------------
 
 
-def test_a_button_stays_that_of_its_crossing_while_others_come(application: Any) -> None:
+def test_a_click_is_of_the_crossing_that_was_pressed_or_of_none(application: Any) -> None:
     sent: list[Any] = []
     shown = window_widgets.TimekeeperWindow(
         lambda *given: sent.append(given), lambda _: None, 'Tina'
     )
+    shown.widget.resize(1366, 768)
+    shown.widget.show()
 
     def judged(number: int, mark: Mark) -> Judged:
         return Judged(Passing('line', 'today', number, 7), 7, mark, 9.0 * number, 'twice')
@@ -514,24 +515,28 @@ def test_a_button_stays_that_of_its_crossing_while_others_come(application: Any)
     def tell(*passings: Judged) -> None:
         shown.on_results(RESULTS._replace(passings=passings))
 
+    def mouse(act: str, row: int) -> None:
+        at = table.visualItemRect(table.item(row, 3)).center()
+        left = QtCore.Qt.MouseButton.LeftButton
+        getattr(QtTest.QTest, f'mouse{act}')(table.viewport(), left, pos=at)
+
     struck, counted = judged(1, Mark.STRUCK), judged(2, Mark.COUNTED)
     tell(struck, counted)
     table = shown.widget.findChildren(QtWidgets.QTableWidget)[1]
-
-    def restore(row: int) -> Any:
-        return table.cellWidget(row, 3).findChild(QtWidgets.QPushButton)
-
-    held = restore(1)
-    while not held.isEnabled():  # once the window has seen that the results are fresh
+    while not table.isEnabled():  # once the window has seen that the results are fresh
         application.processEvents(QtCore.QEventLoop.ProcessEventsFlag.WaitForMoreEvents)
+    mouse('Press', 1)
     tell(struck, counted, judged(3, Mark.COUNTED))
-    assert restore(2) is held
-    held.click()
+    mouse('Release', 1)
+    assert not sent
+    mouse('Click', 2)
     assert [fields['number'] for _, _, fields, _ in sent] == [1]
     # Another race: the rows are others.
+    mouse('Press', 2)
     tell(judged(9, Mark.STRUCK))
     assert table.rowCount() == 1
-    restore(0).click()
+    mouse('Release', 0)
+    mouse('Click', 0)
     assert [fields['number'] for _, _, fields, _ in sent] == [1, 9]
     shown.widget.deleteLater()
 

@@ -36,7 +36,7 @@ STOPS_NOTHING = 'This window cannot stop a race. To stop, use the race window or
 NO_WORD = 'The timekeeper has been silent for {age}: this window is out of date'
 NOT_SENT = '{label} was not sent: the timekeeper has been silent for {age}'
 NOT_ANSWERED = '{label}: no answer for {age}. Check the results before you press it again'
-NEWEST_FIRST = 'CROSSINGS, NEWEST FIRST'
+NEWEST_FIRST, ACTION = 'CROSSINGS, NEWEST FIRST', 'CORRECT'
 
 Give: TypeAlias = Callable[[Entry, str, Mapping[str, Any], Callable[[Answer], None]], None]
 """A function that sends a correction without waiting. Its arguments are the correction, the
@@ -57,11 +57,11 @@ _BUTTONS = {
 }
 _MOST = {'seconds': 3600, 'laps': 100}
 _WIDE = ('about', 'said', 'warning', 'text')  # labels that take all available room
-_WIDTHS = {'KART': 66, '': 94}
 _NUMBERS = ('LAPS', 'TIME', 'GAP', 'BEST', 'LAST')
+_STRONG = ('POS', 'KART', ACTION)
 _LEFT = QtCore.Qt.AlignmentFlag.AlignLeft | QtCore.Qt.AlignmentFlag.AlignVCenter
 _RIGHT = QtCore.Qt.AlignmentFlag.AlignRight | QtCore.Qt.AlignmentFlag.AlignVCenter
-_BLACK, _RED, _GREY = map(QtGui.QColor, ('#14171A', '#B3001B', '#5E676F'))
+_BLACK, _RED, _BLUE = map(QtGui.QColor, ('#14171A', '#B3001B', '#1F6FEB'))
 
 _STYLE = """
 QWidget { font-family: Inter, 'Noto Sans', 'DejaVu Sans'; font-size: 14px; color: #14171A; }
@@ -71,8 +71,6 @@ QFrame#card { background: #FFFFFF; border: 1px solid #D5D9DE; border-radius: 6px
 QLabel#title { font-size: 22px; font-weight: bold; }
 QLabel#about, QLabel#stops { color: #5E676F; }
 QLabel[bad=true], QLabel#warning { color: #B3001B; font-weight: bold; }
-QLabel#badge { background: #14171A; color: #FFFFFF; font-weight: bold; border-radius: 5px;
-  padding: 3px 8px; }
 QTableWidget { border: none; font-size: 15px; selection-background-color: #E2E6EA;
   selection-color: #14171A; }
 QTableWidget::item { border-bottom: 1px solid #E2E6EA; padding: 0 6px; }
@@ -81,7 +79,6 @@ QHeaderView::section { background: #FFFFFF; color: #5E676F; font-size: 11px; fon
 QLineEdit { padding: 4px; }
 QPushButton { background: #FFFFFF; border: 1px solid #14171A; border-radius: 6px;
   padding: 6px 12px; font-weight: bold; }
-QPushButton#small { font-size: 12px; padding: 2px 7px; }
 QPushButton#PUBLISH { background: #1F6FEB; border-color: #1F6FEB; color: #FFFFFF; }
 QPushButton:focus { border: 2px solid #1F6FEB; }
 QPushButton:disabled, QTableWidget:disabled { background: #FFFFFF; color: #A3ADB6; }
@@ -123,7 +120,8 @@ class TimekeeperWindow:
         for act, text in _BUTTONS.items():
             self._buttons.append(_button(act.name, text, partial(self._ask, act)))
         self._table = _table(view.HEADINGS, stretched='TEAM')
-        self._passings = _table(('TIME', 'KART', NEWEST_FIRST, ''), stretched=NEWEST_FIRST)
+        self._passings = _table(('TIME', 'KART', NEWEST_FIRST, ACTION), stretched=NEWEST_FIRST)
+        self._passings.cellClicked.connect(self._click)
         self._warnings = _card(self._warning)
         layout = QtWidgets.QVBoxLayout(self.widget)
         layout.addWidget(_card(self._title, self._about, self._lap, *self._buttons))
@@ -201,15 +199,9 @@ class TimekeeperWindow:
         if rows == self._rows:
             return
         chosen, self._rows = self._chosen(), rows
-        self._table.setRowCount(len(self._rows))
-        for place, row in enumerate(self._rows):
-            for column, (heading, text) in enumerate(zip(view.HEADINGS, row.cells, strict=True)):
-                if heading == 'KART':
-                    _badge(self._table, place, column, text)
-                else:
-                    bad = row.penalised and heading == 'STATUS'
-                    strong = bad or heading == 'POS'
-                    _write(self._table, place, column, text, strong, _RED if bad else _BLACK)
+        self._table.setRowCount(len(rows))
+        for place, row in enumerate(rows):
+            _write(self._table, place, row.cells, red='STATUS' * row.penalised)
         # The kart that the official has clicked stays chosen, wherever it is now.
         places = [place for place, row in enumerate(rows) if row.kart == chosen]
         self._table.setCurrentCell(places[0] if places else -1, 0)
@@ -223,23 +215,18 @@ class TimekeeperWindow:
         """Show the crossings. New rows are inserted above the old ones, which do not change."""
         if seen == self._crossings:
             return
-        table, new = self._passings, [each.passing for each in seen]
+        new = [each.passing for each in seen]
         old = [each.passing for each in self._crossings]
         self._crossings = seen
         fresh = next(n for n in range(len(new) + 1) if new[n:] == old[: len(new) - n])
-        for place in range(fresh):
-            table.insertRow(place)
-            button = _button('small', '', partial(self._correct, new[place]))
-            button.setFocusPolicy(QtCore.Qt.FocusPolicy.NoFocus)
-            _inside(table, place, 3, button)
-        table.setRowCount(len(new))
+        # Qt takes a click for none if meanwhile its row has moved.
+        for _ in range(fresh):
+            self._passings.insertRow(0)
+        self._passings.setRowCount(len(new))
         for place, each in enumerate(seen):
-            struck = each.act is Act.RESTORE
-            _write(table, place, 0, each.at, False, _GREY)
-            _badge(table, place, 1, each.kart)
-            _write(table, place, 2, each.text, struck, _RED if struck else _BLACK)
-            table.cellWidget(place, 3).findChild(QtWidgets.QPushButton).setText(each.button)
-        table.resizeRowsToContents()
+            cells = (each.at, each.kart, each.text, each.button)
+            _write(self._passings, place, cells, red=NEWEST_FIRST * (each.act is Act.RESTORE))
+        self._passings.resizeRowsToContents()
 
     # ----- what is corrected --------------------------------------------------------------
 
@@ -254,12 +241,14 @@ class TimekeeperWindow:
             said = f'There is no kart {typed}' if typed else 'Type the number of the kart first'
             self._say(said, bad=True)
 
-    def _correct(self, passing: Passing) -> None:
+    def _click(self, row: int, column: int) -> None:
         """Strike out a passing, restore it, or give its transponder to a kart."""
-        seen = next(each for each in self._crossings if each.passing == passing)
-        this = {**passing.identity._asdict(), 'race': self._results.races[-1].number}
+        if self._passings.horizontalHeaderItem(column).text() != ACTION:
+            return
+        seen = self._crossings[row]
+        this = {**seen.passing.identity._asdict(), 'race': self._results.races[-1].number}
         if seen.act is Act.GIVE:
-            self._ask(seen.act, str(seen), transponder=passing.transponder)
+            self._ask(seen.act, str(seen), transponder=seen.passing.transponder)
         elif seen.act is Act.STRIKE:
             self._ask(seen.act, str(seen), **this)
         else:
@@ -394,9 +383,6 @@ def _table(headings: Sequence[str], stretched: str) -> Any:
         mode = header.ResizeMode.ResizeToContents
         if heading == stretched:
             mode = header.ResizeMode.Stretch
-        elif heading in _WIDTHS:
-            mode = header.ResizeMode.Fixed
-            table.setColumnWidth(column, _WIDTHS[heading])
         header.setSectionResizeMode(column, mode)
         table.horizontalHeaderItem(column).setTextAlignment(_side(heading))
     return table
@@ -406,32 +392,20 @@ def _side(heading: str) -> Any:
     return _RIGHT if heading in _NUMBERS else _LEFT
 
 
-def _write(table: Any, row: int, column: int, text: str, strong: bool, colour: Any) -> None:
-    item = table.item(row, column)
-    if item is None:
-        item = QtWidgets.QTableWidgetItem()
-        item.setTextAlignment(_side(table.horizontalHeaderItem(column).text()))
-        table.setItem(row, column, item)
-    font = item.font()
-    font.setBold(strong)
-    item.setFont(font)
-    item.setForeground(colour)
-    item.setText(text)
-
-
-def _badge(table: Any, row: int, column: int, text: str) -> None:
-    if table.cellWidget(row, column) is None:
-        _inside(table, row, column, _label('badge'))
-    table.cellWidget(row, column).findChild(QtWidgets.QLabel).setText(text)
-
-
-def _inside(table: Any, row: int, column: int, widget: Any) -> None:
-    """Put a widget into a cell without stretching it."""
-    cell = QtWidgets.QWidget()
-    layout = QtWidgets.QHBoxLayout(cell)
-    layout.setContentsMargins(6, 4, 6, 4)
-    layout.addWidget(widget, 0, _LEFT)
-    table.setCellWidget(row, column, cell)
+def _write(table: Any, row: int, cells: Sequence[str], red: str) -> None:
+    """Write a row of a table, with the cell below the heading `red` in red."""
+    for column, text in enumerate(cells):
+        heading = table.horizontalHeaderItem(column).text()
+        item = table.item(row, column)
+        if item is None:
+            item = QtWidgets.QTableWidgetItem()
+            item.setTextAlignment(_side(heading))
+            table.setItem(row, column, item)
+        font = item.font()
+        font.setBold(heading in (*_STRONG, red))
+        item.setFont(font)
+        item.setForeground(_RED if heading == red else _BLUE if heading == ACTION else _BLACK)
+        item.setText(text)
 
 
 def _choice(entries: Sequence[tuple[str, int]], chosen: int) -> Any:
