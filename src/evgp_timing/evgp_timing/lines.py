@@ -2,7 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A format of plain text lines for home-made timers, such as a microcontroller or a script.
+Formats with one line of text for each passing.
+
+I-Lap and AMBrc send this line, with a TAB before each item except SOH, @ and CR:
+
+    SOH @ decoder (count) transponder seconds.milliseconds (hits strength ...) CR LF
+
+Some devices do not send the items in brackets. The format comes from public descriptions (see
+README.md). They disagree on the meaning of the count and on what the checksum at the end covers,
+so this decoder uses neither. The time counts from the start of the device.
+
+Home-made timers, such as a microcontroller or a script, send this line:
 
     $transponder,seconds LF
 
@@ -13,24 +23,41 @@ with up to six decimal places. A line that contains only ``$`` is a sign of life
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import re
 
 from evgp_timing.passings import Event, Passing, Refused, Sign
 
-_PASSING = re.compile(
-    rb'(?P<transponder>[!-+\--~]{0,32}),(?P<seconds>\d{1,10})(?:\.(?P<fraction>\d{1,6}))?\r?'
+
+def _reader(passing: bytes, sign: bytes) -> Callable[[bytes], Event]:
+    """Return a function that returns the event in a line, by the patterns of both kinds."""
+
+    def read(line: bytes) -> Event:
+        if re.fullmatch(sign, line, re.DOTALL):
+            return Sign()
+        match = re.fullmatch(passing, line)
+        if match is None:
+            return Refused('a line is not as expected')
+        found = match.groupdict()
+        fraction = (found['fraction'] or b'').ljust(6, b'0')
+        strength = found.get('strength')
+        return Passing(
+            time_us=int(found['seconds']) * 1_000_000 + int(fraction),
+            transponder=found['transponder'].decode(),
+            hits=min(int(found.get('hits') or 0), 65535),
+            strength=None if strength is None else float(strength),
+        )
+
+    return read
+
+
+read_ilap = _reader(
+    rb'@\t\d+\t(?:\d+\t)?(?P<transponder>\d{1,10})\t(?P<seconds>\d{1,10})\.(?P<fraction>\d{1,6})'
+    rb'(?:\t(?P<hits>\d{1,5})\t(?P<strength>\d{1,5}))?(?:\t[ -~\t]*)?\r?',
+    sign=rb'(?!@).*',
 )
 
-
-def read(line: bytes) -> Event:
-    """Return the event in a line. Its time is by the timer's clock."""
-    if line in (b'', b'\r'):
-        return Sign()
-    match = _PASSING.fullmatch(line)
-    if match is None:
-        return Refused('a line is not as expected')
-    fraction = (match['fraction'] or b'').ljust(6, b'0')
-    return Passing(
-        time_us=int(match['seconds']) * 1_000_000 + int(fraction),
-        transponder=match['transponder'].decode(),
-    )
+read_ours = _reader(
+    rb'(?P<transponder>[!-+\--~]{0,32}),(?P<seconds>\d{1,10})(?:\.(?P<fraction>\d{1,6}))?\r?',
+    sign=rb'\r?',
+)

@@ -10,10 +10,10 @@ The emulator follows the public descriptions, so it cannot prove that they are r
 from __future__ import annotations
 
 import argparse
+import asyncio
 import contextlib
 import itertools
 import random
-import select
 import socket
 import sys
 import time
@@ -38,7 +38,7 @@ def passing(number: int, transponder: int, time_us: int) -> bytes:
     )
 
 
-def serve(
+async def serve(
     server: socket.socket, transponders: list[int], lap: float, spread: float, status: float
 ) -> None:
     """
@@ -50,35 +50,33 @@ def serve(
     :param spread: maximum deviation from the mean, as a fraction of it.
     :param status: time between two signs of life, in seconds.
     """
-    listeners: list[socket.socket] = []
+    listeners: set[asyncio.StreamWriter] = set()
     numbers, chance = itertools.count(1), random.Random()  # noqa: S311 - lap times
-    start = time.monotonic()
-    due: list[tuple[float, int | None]] = [(start, None)]  # None: a sign of life
-    due += [(start + 0.5 * place, each) for place, each in enumerate(transponders, 1)]
-    while True:
-        due.sort(key=lambda each: each[0])
-        at, transponder = due[0]
-        wait = max(at - time.monotonic(), 0)
-        for ready in select.select([server, *listeners], [], [], wait)[0]:
-            if ready is server:
-                listeners.append(server.accept()[0])
-                continue
-            with contextlib.suppress(OSError):
-                if ready.recv(4096):
-                    continue
-            listeners.remove(ready)
-            ready.close()
-        if time.monotonic() < at:
-            continue
-        if transponder is None:
-            data, after = STATUS_RECORD, status
-        else:
-            data = passing(next(numbers), transponder, time.time_ns() // 1000)
-            after = lap * chance.uniform(1 - spread, 1 + spread)
-        due[0] = at + after, transponder
+
+    async def listen(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        listeners.add(writer)
+        with contextlib.suppress(OSError):
+            await reader.read()  # until the program disconnects
+        listeners.remove(writer)
+        writer.close()
+
+    def send(data: bytes) -> None:
         for each in listeners:
-            with contextlib.suppress(OSError):  # the listener is gone, which `recv` will notice
-                each.send(data, socket.MSG_DONTWAIT)
+            each.write(data)
+
+    async def signs() -> None:
+        while True:
+            send(STATUS_RECORD)
+            await asyncio.sleep(status)
+
+    async def kart(place: int, transponder: int) -> None:
+        await asyncio.sleep(0.5 * place)
+        while True:
+            send(passing(next(numbers), transponder, time.time_ns() // 1000))
+            await asyncio.sleep(lap * chance.uniform(1 - spread, 1 + spread))
+
+    await asyncio.start_server(listen, sock=server)
+    await asyncio.gather(signs(), *itertools.starmap(kart, enumerate(transponders, 1)))
 
 
 def main(args: list[str] | None = None) -> int:
@@ -95,7 +93,7 @@ def main(args: list[str] | None = None) -> int:
         host, port = server.getsockname()
         print(f'A P3 decoder listens at {host}:{port}', flush=True)
         with contextlib.suppress(KeyboardInterrupt):
-            serve(server, given.transponders, given.lap, given.spread, given.status)
+            asyncio.run(serve(server, given.transponders, given.lap, given.spread, given.status))
     return 0
 
 

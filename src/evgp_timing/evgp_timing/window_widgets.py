@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 
 from evgp_node.entries import Entry
 from evgp_node.official import MOST, MOST_OF_NAME
-from evgp_node.results import Act, lap_time, Passing, Standings, TIMING_GONE
+from evgp_node.results import Act, lap_time, Standings, TIMING_GONE
 from evgp_protocol import clock
 from evgp_timing import window_view as view
 from evgp_timing.corrections import CORRECTIONS
