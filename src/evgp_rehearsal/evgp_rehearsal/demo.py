@@ -16,7 +16,6 @@ from collections.abc import Callable, Mapping, Sequence
 import contextlib
 import os
 import pathlib
-import shutil
 import signal
 import sys
 import tempfile
@@ -60,9 +59,6 @@ STARTERS = tuple(kart for kart in PLAN.numbers if kart != OUTSIDE)
 TIMEOUT = 60.0
 """Maximum time to wait for anything, far longer than a busy machine needs, in seconds."""
 
-MUTE_TIMEOUT = 15.0
-"""Maximum time to wait with ``--mute``, which must soon name the mute kart, in seconds."""
-
 WIDTH = 100
 """Maximum width of the output, in characters."""
 
@@ -80,16 +76,14 @@ class Show:
 
     The show waits for everything that must happen in a race.
 
-    :param mute: the kart that never acknowledges, or 0.
     :ivar found: what happened, and what did not.
     """
 
-    def __init__(self, console: Console, rehearsal: Rehearsal, mute: int) -> None:
+    def __init__(self, console: Console, rehearsal: Rehearsal) -> None:
         self.console, self.rehearsal, self.official = console, rehearsal, rehearsal.official
-        self.official.timeout = MUTE_TIMEOUT if mute else TIMEOUT
+        self.official.timeout = TIMEOUT
         self.teams: dict[int, Team] = {}
         self.found: list[Finding] = []
-        self._mute = mute
         self._began = clock.now()
 
     def gather(self) -> None:
@@ -107,17 +101,15 @@ class Show:
     def race(self) -> None:
         """Drive a race from the garage to the finish and back to the garage."""
         official, rehearsal = self.official, self.rehearsal
-        late = self._mute or LATE
         with rehearsal.lock:
-            rehearsal.field.karts[late].faults.add(Fault.NEVER_READY)
-        ready = [kart for kart in STARTERS if kart != late]
+            rehearsal.field.karts[LATE].faults.add(Fault.NEVER_READY)
+        ready = [kart for kart in STARTERS if kart != LATE]
         official.bring_to(RaceState.GRID_ACTIVE, *ready)
         self._wait_for(RaceState.GRID_ACTIVE, ready)
         refused = official.call('green_green')
-        assert not refused.success, f'GREEN_GREEN does not wait for kart {late}'
+        assert not refused.success, f'GREEN_GREEN does not wait for kart {LATE}'
         self.found.append(Finding(True, f'race control answered: {refused.message}'))
-        if not self._mute:
-            rehearsal.mend()
+        rehearsal.mend()
         self._green()
         # The field knows where the simulated karts are. The karts with a bridge follow after them.
         for place in range(len(STARTERS) - len(BRIDGED)):
@@ -235,18 +227,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description='Show a complete race, and one that ALL_KILL ends. Exit code 1 if anything is '
         'missing.',
     )
-    parser.add_argument(
-        '--mute',
-        type=int,
-        choices=[kart for kart in STARTERS if kart not in BRIDGED],
-        default=0,
-        metavar='KART',
-        help='this kart never acknowledges, so you see that the race does not start, and why',
-    )
-    parser.add_argument(
-        '--record', type=pathlib.Path, metavar='FILE', help='save the record of the races here'
-    )
-    given = parser.parse_args(arguments)
+    parser.parse_args(arguments)
     # Signals must also end the demonstration's processes. A program that a shell starts in the
     # background would ignore SIGINT.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -256,7 +237,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     console = Console(highlight=False, width=width)
     began = clock.now()
     try:
-        found = _show(console, given.mute, given.record)
+        found = _show(console)
     except KeyboardInterrupt:
         console.print('Interrupted')
         return 130
@@ -266,7 +247,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 1 if missing else 0
 
 
-def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Finding]:
+def _show(console: Console) -> list[Finding]:
     wire = Witness()
     with contextlib.ExitStack() as stack:
         folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -275,7 +256,7 @@ def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Find
             rehearsal = running.enter_context(
                 Rehearsal(PLAN, folder, len(BRIDGED), False, wire, parameters, STARTERS, timing)
             )
-            show = Show(console, rehearsal, mute)
+            show = Show(console, rehearsal)
             for kart in BRIDGED:
                 team = Team(rehearsal.domains[kart], f'team_{kart}')
                 show.teams[kart] = running.enter_context(team)
@@ -288,8 +269,6 @@ def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Find
                     if not show.play(title, drive):
                         break
             pids = family(os.getpid())[1:]
-        if record is not None:
-            shutil.copy(folder / 'record.sqlite3', record)
         with open_runs(folder / 'record.sqlite3') as runs:
             replay = Replay(runs.read(runs.choose(None)))
         heard = [event.sequence for event in rehearsal.official.events]
