@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The timekeeper's window without a screen, beside a real timekeeper, over real DDS.
+The timekeeper's window without a screen, before a timekeeper's desk on paper.
 
-Race control and the timing line are a node of this test.
+Its client is beside a real timekeeper, and before what a node of this test says, over real DDS.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 import contextlib
 import importlib
 import os
@@ -23,10 +23,11 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_node.codec import message_of
-from evgp_node.official import claim
+from evgp_node.entries import Entry
 from evgp_node.qos import latched
 from evgp_node.results import (
     Act,
+    Corrected,
     Judged,
     KartResult,
     Mark,
@@ -35,20 +36,23 @@ from evgp_node.results import (
     Standings,
     Status,
 )
+from evgp_node.roster import Heat
 from evgp_node.stamps import stamp_of
-from evgp_protocol import clock
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.part import PATIENCE
-from evgp_testing.process import freeze, Process, Program
+from evgp_testing.process import freeze, Program
 from evgp_testing.race_control import Timekeeper, write_roster
 from evgp_testing.ros_side import bound, RosSide
 from evgp_timing import window
 from evgp_timing.corrections import CORRECTIONS
-from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS
+from evgp_timing.desk import Answer, Desk, Roster, What
+from evgp_timing.laps import LapSettings
+from evgp_timing.timekeeper import asked_for
 import pytest
 import rclpy
 from rclpy.context import Context
 from rig.needs import cannot_run
+import test_desk
 
 try:
     from evgp_timing import window_widgets
@@ -60,68 +64,55 @@ QtTest = importlib.import_module(QtCore.__name__.replace('QtCore', 'QtTest'))
 
 HEAT = 'Heat 1'
 TEAMS = {3: 'Georgia Tech', 7: 'Purdue'}
-LAP = 1.5
-"""Time between two crossings of a kart by the clock of the line, in s; they are said at once."""
 
-COMMAND = msg.CommandAvailability
-EVENT = msg.RaceEvent
-GREEN_GREEN, RED_FLAG = msg.RaceState.GREEN_GREEN, msg.RaceState.RED_FLAG
+
+class Paper(test_desk.Event):
+    """A timekeeper on paper, before whose window an official sits."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        heats = (Heat(HEAT, (*TEAMS,), laps=3),)
+        self.desk = Desk(Roster((*TEAMS,), heats=heats), LapSettings(min_lap_time=1.0))
+        self.start(HEAT, *TEAMS)
+
+    def give(
+        self,
+        entry: Entry,
+        official: str,
+        fields: Mapping[str, Any],
+        answered: Callable[[Answer], None],
+    ) -> None:
+        """Answer a request as the timekeeper's service does."""
+        request = getattr(srv, entry.service_type).Request(official=official, **fields)
+        act = next(act for act, row in CORRECTIONS.items() if row is entry)
+        answer = self.desk.feed(Corrected(self.now, asked_for(act, request)))
+        assert answer is not None
+        answered(answer)
+
+    def take(self, window: window_widgets.TimekeeperWindow) -> None:
+        """Say how the race is now."""
+        window.on_race('GREEN GREEN', 252.0, TEAMS)
+        window.on_results(self.desk.standings(self.now))
 
 
 class Event(RosSide):
-    """What race control and a timing line say of races."""
+    """What race control and a timing line say."""
 
     def __init__(self, domain: int) -> None:
         super().__init__('event', domain)
         publisher = self.node.create_publisher
-        self._events = publisher(msg.RaceEvents, '/rcs/events', EVENTS_QOS)
         self._race = publisher(msg.Race, '/rcs/race', latched(1))
-        self._passings = publisher(msg.Passing, '/rcs/passings', ARRIVING_QOS)
         self._diagnostics = publisher(DiagnosticArray, '/diagnostics', 10)
         self._results = publisher(msg.Results, '/rcs/timekeeper/results', latched(1))
         self.asked: list[Any] = []
-        self._number = self._sequence = self._seen = 0
-        self._ahead = 0.0
-        self._began_ns = time.time_ns()
 
-    def state(self, state: int = GREEN_GREEN, seconds: int = 252) -> None:
-        """Say which state the race has been in, and for how long."""
+    def state(self) -> None:
+        """Say that the race has been in GREEN_GREEN for 252 s."""
         karts = [msg.KartStatus(number=each, team=team) for each, team in TEAMS.items()]
-        now = time.time_ns()
-        race = msg.Race(state=msg.RaceState(state=state), karts=karts, stamp=stamp_of(now))
-        race.state_since = stamp_of(now - seconds * 10**9)
+        green, now = msg.RaceState(state=msg.RaceState.GREEN_GREEN), time.time_ns()
+        race = msg.Race(state=green, karts=karts, stamp=stamp_of(now))
+        race.state_since = stamp_of(now - 252 * 10**9)
         self._race.publish(race)
-
-    def tell(self, kind: int, state: int = 0, **fields: Any) -> None:
-        self._sequence += 1
-        event = EVENT(kind=kind, sequence=self._sequence, race=self._number, heat=HEAT, **fields)
-        event.state.state = state
-        event.monotonic.sec, rest = divmod(round(clock.now() * 1e9), 10**9)
-        event.monotonic.nanosec = rest
-        self._events.publish(msg.RaceEvents(run='run', events=[event]))
-
-    def start(self) -> None:
-        self._number += 1
-        self.tell(EVENT.COMMAND, command=COMMAND.GRID_ACTIVE, success=True)
-        self.tell(EVENT.RACE_STATE, GREEN_GREEN)
-        for kart in TEAMS:
-            self.tell(EVENT.KART_STATE, GREEN_GREEN, kart=kart)
-
-    def finish(self, kart: int) -> None:
-        """Say that a kart was given FINISH."""
-        self.tell(EVENT.COMMAND, command=COMMAND.KART_FINISH, success=True, kart=kart)
-
-    def stop(self) -> None:
-        self.tell(EVENT.RACE_STATE, RED_FLAG)
-
-    def cross(self, transponder: str) -> None:
-        """Say that a kart has crossed the line."""
-        self._seen += 1
-        self._ahead = max(time.time_ns() / 1e9, self._ahead + LAP)
-        stamp = stamp_of(round(self._ahead * 1e9))
-        passing = msg.Passing(source='line', session='today', number=self._seen, stamp=stamp)
-        passing.transponder = transponder
-        self._passings.publish(passing)
 
     def line_says(self, level: bytes, said: str) -> None:
         """Publish what a timing line says of itself."""
@@ -149,13 +140,11 @@ class Event(RosSide):
 class Window:
     """The window, as an official sees and uses it."""
 
-    def __init__(self, application: Any, domain: int) -> None:
+    def __init__(
+        self, application: Any, give: window_widgets.Give, take: Callable[[Any], None]
+    ) -> None:
         self._application = application
-        self._context = Context()
-        with bound():
-            rclpy.init(context=self._context, domain_id=domain)
-            self._client = window.Client(context=self._context, use_global_arguments=False)
-        self.window = window_widgets.TimekeeperWindow(self._client.give, self._client.take, 'Tina')
+        self.window = window_widgets.TimekeeperWindow(give, take, 'Tina')
         self.widget = self.window.widget
         self.widget.resize(1366, 768)
         self.widget.show()
@@ -251,8 +240,6 @@ class Window:
         self.widget.close()
         self.widget.deleteLater()
         self.settle()
-        self._client.close()
-        rclpy.try_shutdown(context=self._context)
 
 
 @pytest.fixture(scope='module')
@@ -269,23 +256,22 @@ def event(parts: contextlib.ExitStack, domain: int) -> Event:
 
 
 @pytest.fixture
-def timekeeper(parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path) -> Process:
-    write_roster(tmp_path, TEAMS, heats={HEAT: {'karts': [*TEAMS], 'laps': 3}})
-    settings = {'min_lap_time': 1.0, 'clock_tolerance': 9.0}
-    return parts.enter_context(Timekeeper(tmp_path, domain, settings))
-
-
-@pytest.fixture
 def look(
     application: Any, event: Event, parts: contextlib.ExitStack, domain: int
 ) -> Callable[[], Window]:
-    """Return a function that has the event be heard, and opens the window."""
+    """Return a function that has the event be heard, and opens the window with its client."""
 
     def open_() -> Window:
         event.spin()
-        opened = Window(application, domain)
-        parts.callback(opened.close)
-        return opened
+        context = Context()
+        with bound():
+            rclpy.init(context=context, domain_id=domain)
+            client = window.Client(context=context, use_global_arguments=False)
+        parts.callback(rclpy.try_shutdown, context=context)
+        parts.callback(client.close)
+        return parts.enter_context(
+            contextlib.closing(Window(application, client.give, client.take))
+        )
 
     return open_
 
@@ -297,43 +283,51 @@ def seen(look: Callable[[], Window]) -> Window:
 
 
 @pytest.fixture
-def racing(seen: Window, event: Event, timekeeper: Process) -> Window:
-    """Return the window, which sees a race that was started."""
-    event.state()
-    event.start()
-    seen.until(lambda: len(seen.rows(0)) == 2 and 'GREEN' in seen.text('about'), event.state)
-    return seen
+def paper() -> Paper:
+    """Return a timekeeper on paper, with a race that was started."""
+    return Paper()
+
+
+@pytest.fixture
+def racing(application: Any, paper: Paper) -> Iterator[Window]:
+    """Return the window, which sees that race."""
+    with contextlib.closing(Window(application, paper.give, paper.take)) as opened:
+        opened.until(lambda: opened.find('PENALISE').isEnabled())
+        yield opened
 
 
 # ----- what it shows --------------------------------------------------------------------------
 
 
-def test_it_shows_the_race_and_what_the_timekeeper_asks(racing: Window, event: Event) -> None:
+def test_it_shows_the_race_and_what_the_timekeeper_asks(racing: Window, paper: Paper) -> None:
     assert racing.text('title') == HEAT
     assert racing.text('about').startswith('race to 3 laps · run of ')
     assert 'GREEN GREEN 4:1' in racing.text('about')
     assert {row[2] for row in racing.rows(0)} == {*TEAMS.values()}
     assert 'cannot stop a race' in racing.text('stops')
-    event.finish(7)
+    paper.tell(What.FINISH, 7)
     racing.until(lambda: 'Kart 7 is marked as finished, but 3 laps' in racing.text('warning'))
 
 
 def test_a_timekeeper_that_hangs_is_told_and_nothing_is_sent_until_it_is_back(
-    racing: Window, timekeeper: Process
+    seen: Window, event: Event, parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
 ) -> None:
+    write_roster(tmp_path, TEAMS)
+    timekeeper = parts.enter_context(Timekeeper(tmp_path, domain, {}))
+    event.state()
+    seen.until(lambda: seen.find('PENALISE').isEnabled() and 'GREEN' in seen.text('about'))
     freeze(timekeeper.pid)
     try:
-        racing.until(lambda: 'The timekeeper has been silent for 4 s' in racing.text('warning'))
-        assert not racing.find('PENALISE').isEnabled()
-        racing.count('7')
-        racing.until_said('LAP was not sent: the timekeeper has been silent for')
+        seen.until(lambda: 'The timekeeper has been silent for 4 s' in seen.text('warning'))
+        assert not seen.find('PENALISE').isEnabled()
+        seen.count('7')
+        seen.until_said('LAP was not sent: the timekeeper has been silent for')
     finally:
         timekeeper.signal(signal.SIGCONT)
-    racing.until(lambda: racing.find('PENALISE').isEnabled())
-    assert racing.text('warning') == ''
-    assert racing.rows(1) == []
-    racing.count('7')
-    racing.until_said('LAP: kart 7 crossed the line: counted')
+    seen.until(lambda: seen.find('PENALISE').isEnabled())
+    assert seen.text('warning') == ''
+    seen.count('7')
+    seen.until_said('LAP refused: no race has been started')
 
 
 def test_without_a_timekeeper_and_race_control_it_says_so(seen: Window, event: Event) -> None:
@@ -366,7 +360,7 @@ def test_a_timing_line_is_shown_and_that_it_is_broken_or_silent(
 def test_a_lap_is_counted_by_its_kart_and_enter_and_struck_with_a_reason_and_restored(
     racing: Window,
 ) -> None:
-    assert racing.find('lap').hasFocus()
+    assert racing.widget.focusWidget() is racing.find('lap')
     racing.count('7')
     racing.until_said('LAP: kart 7 crossed the line: counted')
     racing.until(lambda: racing.crossing('7') == 'by hand, starts lap 1 [Strike]')
@@ -385,8 +379,7 @@ def test_a_lap_is_counted_by_its_kart_and_enter_and_struck_with_a_reason_and_res
     assert not yes.isEnabled()
     racing.type_('reason', 'seen twice')
     racing.press('Strike passing')
-    who = claim('Tina', os.uname().nodename, os.getpid())
-    racing.until(lambda: racing.crossing('7') == f'by hand, struck: seen twice ({who}) [Restore]')
+    racing.until(lambda: racing.crossing('7') == 'by hand, struck: seen twice (Tina) [Restore]')
     racing.correct('Restore', '7')
     racing.until(lambda: racing.crossing('7') == 'by hand, starts lap 1 [Strike]')
     racing.until_said('RESTORE PASSING: passing official 1 is restored')
@@ -396,27 +389,25 @@ def test_a_lap_is_counted_by_its_kart_and_enter_and_struck_with_a_reason_and_res
 
 
 def test_a_transponder_is_given_to_its_kart_and_the_earlier_run_counts_once_it_is_chosen(
-    racing: Window, event: Event
+    racing: Window, paper: Paper
 ) -> None:
-    event.cross('4711')
-    event.cross('4711')
+    paper.lap(1, 9)
     racing.until(lambda: len(racing.rows(1)) == 2)
-    assert racing.crossing('?') == 'transponder 4711 [Whose?]'
-    assert 'no kart has the transponder 4711' in racing.text('warning')
-    racing.correct('Whose?', '?')
+    assert racing.crossing('?') == 'transponder t9 [Whose?]'
+    racing.until(lambda: 'no kart has the transponder t9' in racing.text('warning'))
+    racing.correct('Whose?', kart='?')
     racing.choose('kart', '3  Georgia Tech')
     racing.press('Give transponder')
-    racing.until_said('transponder 4711 belongs to kart 3')
-    racing.until(lambda: racing.crossing('3') == 'lap 1, 0:01.500 [Strike]')
+    racing.until_said('transponder t9 belongs to kart 3')
+    racing.until(lambda: racing.crossing('3') == 'lap 1, 0:10.000 [Strike]')
     assert racing.status('3') == 'lap 2'
 
-    event.stop()
-    event.start()
+    paper.tell(What.OVER)
+    paper.start(HEAT, *TEAMS)
     racing.until(lambda: not racing.rows(1))
-    for _ in range(2):
-        event.cross('4711')
+    paper.lap(1, 9)
     racing.until(lambda: racing.status('3') == 'lap 2')
-    event.stop()
+    paper.tell(What.OVER)
     assert racing.counting() == [True, False]
     racing.press('Which run counts…')
     racing.find('race').setCurrentIndex(1)
@@ -459,11 +450,11 @@ def test_a_penalty_needs_a_kart_a_cost_and_a_reason_and_a_row_that_was_clicked_i
     assert racing.widget.focusWidget() is racing.find('lap')
 
 
-def test_results_are_published_once_the_race_is_over(racing: Window, event: Event) -> None:
+def test_results_are_published_once_the_race_is_over(racing: Window, paper: Paper) -> None:
     racing.press('Publish results…')
     racing.press('Publish results')
     racing.until_said('PUBLISH RESULTS refused: the race is still under way')
-    event.stop()
+    paper.tell(What.OVER)
     racing.until(lambda: racing.status('7') == 'no lap')
     racing.press('Publish results…')
     racing.press('Publish results')

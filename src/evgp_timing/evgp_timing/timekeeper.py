@@ -322,7 +322,7 @@ class Timekeeper(StrictNode):
     def _offer(self, name: str, kind: type[Any], act: Act) -> None:
         def serve(request: Any, response: Any) -> None:
             self._take_waiting()
-            asked = _asked_for(act, request)
+            asked = asked_for(act, request)
             given = self._desk.about(Corrected(clock.now(), asked))
             answer = self._feed(given)
             assert answer is not None
@@ -376,7 +376,8 @@ class Timekeeper(StrictNode):
         return call
 
 
-def _asked_for(act: Act, request: Any) -> Correction:
+def asked_for(act: Act, request: Any) -> Correction:
+    """Return the correction that a request to this act's service asks for."""
     if act is Act.STRIKE and not request.struck:
         act = Act.RESTORE
     entry = CORRECTIONS[act]
