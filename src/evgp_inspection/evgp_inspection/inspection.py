@@ -17,11 +17,18 @@ from evgp_inspection.kart_script import KartScript, Kill, STEPS
 from evgp_inspection.kart_wire import KartWire
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take
-from evgp_inspection.oracle import Breach
 from evgp_inspection.recording import EndedError, first, Recording
 from evgp_inspection.report import line
 from evgp_inspection.traces import Kind
-from evgp_inspection.verdicts import Clause, NOT_DONE, Result, results_of, Verdict, verdict_on
+from evgp_inspection.verdicts import (
+    Clause,
+    Finding,
+    NOT_DONE,
+    Result,
+    results_of,
+    Verdict,
+    verdict_on,
+)
 
 Odometry: TypeAlias = Callable[[Take], Awaitable[Callable[[], None]]]
 """Starts to deliver speeds, in m/s, and returns a function that ends the delivery."""
@@ -85,8 +92,8 @@ async def inspect(
     :raises OSError: if the port or the odometry cannot be used.
     """
 
-    def tell(breach: Breach) -> None:
-        inspector.tell(f'{breach.at:6.1f}  FAIL  {breach.name}  {breach.why}')
+    def tell(name: str, found: Finding) -> None:
+        inspector.tell(f'{found.at:6.1f}  FAIL  {name}  {found.why}')
 
     def tell_step(step: str) -> None:
         inspector.tell(f'{recording.now:6.1f}  {step}: {STEPS[step].done}')
@@ -109,7 +116,7 @@ async def inspect(
             end_odometry()
     results = results_of(recording.oracle.findings(), clauses, limits)
     if remarks:
-        not_done = dataclasses.replace(NOT_DONE, why=f'Not done. {" ".join(remarks)}')
+        not_done = NOT_DONE._replace(why=f'Not done. {" ".join(remarks)}')
         results = [
             dataclasses.replace(each, finding=not_done) if each.finding == NOT_DONE else each
             for each in results

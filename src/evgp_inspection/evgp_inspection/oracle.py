@@ -25,7 +25,6 @@ import enum
 import itertools
 import math
 import statistics
-from typing import NamedTuple
 
 from evgp_inspection.limits import Limits
 from evgp_inspection.traces import Event, Kind, Said, SentState, Trace
@@ -155,29 +154,6 @@ class Law(enum.Enum):
     LOST = 'lost'
 
 
-class Breach(NamedTuple):
-    """
-    A finding about one sentence.
-
-    :ivar name: the name of the sentence.
-    :ivar since: the time at which the cause began, in seconds.
-    :ivar at: the time at which the breach happened, in seconds.
-    """
-
-    name: str
-    verdict: Verdict
-    why: str
-    since: float
-    at: float
-    measured: float | None = None
-
-    @property
-    def rank(self) -> tuple[int, float]:
-        """Return how grave it is: by the verdict and, in a pass, by the time it took."""
-        verdicts = (Verdict.PASS, Verdict.NOT_JUDGED, Verdict.FAIL)
-        return verdicts.index(self.verdict), self.measured or 0.0
-
-
 @dataclasses.dataclass
 class Spell:
     """
@@ -193,7 +169,8 @@ class Spell:
     :ivar rolled: whether the kart could still roll when the spell began.
     :ivar moved: whether its wheels turned then, or it had reported that it was driving.
     :ivar until: the time by which the kart must stand still.
-    :ivar said: the time at which it first reported a standstill.
+    :ivar began: the time at which the kart began to brake, if that was seen.
+    :ivar said: the time at which it first reported what is required.
     :ivar answer: the event with the inspector's answer to `STANDS`, if that was asked.
     """
 
@@ -208,6 +185,7 @@ class Spell:
     rolled: bool = False
     moved: bool = False
     until: float = math.inf
+    began: float | None = None
     said: float | None = None
     answer: Event | None = None
     broken: bool = False
@@ -228,52 +206,51 @@ class Due:
     what: str
     order: SentState | None = None
 
+    def has_expired(self, now: float) -> bool:
+        return now > self.since + self.limit + EARLY
+
 
 class Oracle:
     """
     Judges a trace, event by event.
 
     :ivar trace: the trace so far.
-    :param tell: called with the first breach of each sentence when it is found.
+    :param tell: called with the name of each sentence and its first breach, when that is found.
     :ivar moves: number of breaches by the wheels, each of which is a reason to stop the kart.
     :ivar still: number of speeds received since the wheels last turned.
     :ivar spell: the current spell.
     """
 
     def __init__(
-        self, limits: Limits, tell: Callable[[Breach], object] = lambda breach: None
+        self,
+        limits: Limits,
+        tell: Callable[[str, Finding], object] = lambda name, finding: None,
     ) -> None:
         self.trace = Trace()
         self._tell = tell
-        self.moves = self.still = 0
-        self.spell = Spell(Law.STAND, 0.0, 'the start', 'K-4C-11', 'K-4C-11')
         self._limits = limits
-        self._found: dict[str, Breach] = {}  # the first breach, or the gravest finding
+        self._found: dict[str, Finding] = {}  # the first breach, or the gravest finding
+        self.spell = Spell(Law.STAND, 0.0, 'the start', 'K-4C-11', 'K-4C-11')
+        self._stops: list[Spell] = []  # the spells in which a rolling kart had to stop
+        self.moves = self.still = 0
         self._step = ''
-        self._link = 0
-        self._state: RaceState | None = None
-        self._ready = self._killed = False
+        # The connections that are open, with the times at which they were opened.
+        self._open: dict[int, float] = {}
+        self._link = 0  # the newest connection
+        self._order: SentState | None = None  # in force; None while race control is lost
         self._since: RaceState | str = IN_GARAGE  # what disarmed the kart
         self._silent, self._silent_at = 'silent', 0.0
-        self._grids = 0
+        self._killed = False
         self._stood: float | None = 0.0  # when it came to a standstill; None if it may still roll
         self._freed = 0.0  # when it had to stop driving
         self._at_speed = False  # it had driven long enough before it had to stop
-        self._drives_on = 0  # the connection on which it drove
-        self._turned: float | None = None
-        self._said_green: float | None = None
+        self._drives_on = 0  # the connection on which it reported that it was driving
         self._speed = math.nan
         self._first_seen = math.inf  # when the first odometry came
         self._said_due: Due | None = None
         self._back_due: Due | None = Due('K-4A-01', 0.0, limits.connect, 'connect')
-        self._open: set[int] = set()
-        self._doubtful: dict[int, float] = {}  # connections still open when another one was opened
-        self._quiet: dict[int, float] = {}  # connections on which nothing was sent yet
         self._recent: deque[Event] = deque()
         self._bytes = 0
-        self._stops: list[Spell] = []
-        self._delays: list[float] = []  # from an order to stop until a driving kart was seen to
-        self._by_word: dict[Law, float] = {}
 
     @classmethod
     def of(cls, events: Iterable[Event], limits: Limits) -> Oracle:
@@ -300,27 +277,27 @@ class Oracle:
         if self._link:
             self._pass('K-4A-02', 'It never had two connections.', now)
         self._compare()
-        return {name: self._finding(breach) for name, breach in self._found.items()}
+        return {name: self._with_evidence(finding) for name, finding in self._found.items()}
 
-    def _finding(self, breach: Breach) -> Finding:
-        since, until = breach.since - AROUND, breach.at + AROUND
-        if breach.verdict is Verdict.PASS:
-            return Finding(Verdict.PASS, breach.why, breach.measured)
-        events = tuple(
+    def _with_evidence(self, finding: Finding) -> Finding:
+        if finding.verdict is Verdict.PASS:
+            return finding
+        since, until = finding.since - AROUND, finding.at + AROUND
+        evidence = tuple(
             each
             for each in self.trace.events
             # A hang is noticed only when it is over.
             if since <= each.at <= until + (each.value if each.kind is Kind.HELD_UP else 0.0)
         )
-        return Finding(breach.verdict, breach.why, breach.measured, events)
+        return finding._replace(evidence=evidence)
 
     def _fail(
         self, name: str, why: str, since: float, at: float, measured: float | None = None
     ) -> None:
         before = self._found.get(name)
         if before is None or before.verdict is not Verdict.FAIL:
-            breach = self._found[name] = Breach(name, Verdict.FAIL, why, since, at, measured)
-            self._tell(breach)
+            self._found[name] = Finding(Verdict.FAIL, why, measured, since=since, at=at)
+            self._tell(name, self._found[name])
 
     def _break(self, name: str, why: str, at: float) -> None:
         """Record a breach by the wheels. Further motion in this spell is the same fault."""
@@ -331,13 +308,13 @@ class Oracle:
             self._stood, self.spell.until = None, math.inf
 
     def _pass(self, name: str, why: str, at: float, measured: float | None = None) -> None:
-        self._keep(Breach(name, Verdict.PASS, why, at, at, measured))
+        self._keep(name, Finding(Verdict.PASS, why, measured, since=at, at=at))
 
-    def _keep(self, found: Breach) -> None:
+    def _keep(self, name: str, found: Finding) -> None:
         """Keep a finding that is not a breach, if it is the gravest one."""
-        before = self._found.get(found.name)
+        before = self._found.get(name)
         if before is None or found.rank > before.rank:
-            self._found[found.name] = found
+            self._found[name] = found
 
     # ----- events -------------------------------------------------------------------------------
 
@@ -373,35 +350,34 @@ class Oracle:
             self._take_answer(event)
         for said in self.trace.said[heard:]:
             self._take_word(said)
-        due = self._said_due
-        if due is not None and due.order is not None and self.trace.has(due.order):
-            self._acknowledged(due, at)
+
+    @property
+    def _state(self) -> RaceState | None:
+        """Return the state that the kart is sent; None while race control is lost."""
+        return None if self._order is None else self._order.state
 
     def _let_time_pass(self, now: float) -> None:
         limits = self._limits
         framed = self.trace.framed_at(self._link)
-        if self._state is not None and now >= framed + limits.silence:
+        if self._order is not None and now >= framed + limits.silence:
             self._lose(framed + limits.silence, self._silent)
         due = self._said_due
         if due is not None and due.order is not None and self.trace.has(due.order):
             self._acknowledged(due, now)
-        elif due is not None and now > due.since + due.limit + EARLY:
+        elif due is not None and due.has_expired(now):
             self._let_go(now)
-        if (
-            self._back_due is not None
-            and now > self._back_due.since + self._back_due.limit + EARLY
-        ):
+        if self._back_due is not None and self._back_due.has_expired(now):
             self._expire_link(now)
-        said = self._said_green
-        if self.spell.law is Law.DRIVE and said is not None and now > said + limits.slack:
-            self._said_green = None
-            seen = self.spell.speeds and self.spell.speeds[-1][0] > said
-            if seen and (self._turned is None or self._turned > said + limits.slack):
+        spell, said = self.spell, self.spell.said
+        if spell.law is Law.DRIVE and said is not None and now > said + limits.slack:
+            seen = bool(spell.speeds) and spell.speeds[-1][0] > said
+            if seen and not (spell.moved or spell.broken):
                 why = 'it reported GREEN_GREEN, but its wheels stood still.'
                 self._break('K-3A-05', why, now)
-        for link, since in list(self._doubtful.items()):
+        for link in [*self._open]:
+            since = self._open.get(link + 1, math.inf)
             if now > since + limits.slack:
-                del self._doubtful[link]
+                del self._open[link]
                 why = f'It kept connection {link} open after opening a new one.'
                 self._fail('K-4A-02', why, since, now)
 
@@ -414,8 +390,8 @@ class Oracle:
         turns = speed > limits.standstill
         self.still = 0 if turns else self.still + 1
         if spell.law is Law.DRIVE:
-            if turns and self._turned is None:
-                self._turned = at
+            if turns and not spell.moved:
+                spell.moved = True
                 self._pass('K-3A-05', 'The wheels turned.', at, at - spell.at)
         elif not turns:
             if self._stood is None and at > self._freed + limits.slack and not spell.broken:
@@ -482,7 +458,11 @@ class Oracle:
     def _end_spell(self, at: float) -> None:
         """Judge a spell as a whole."""
         spell, limits = self.spell, self._limits
-        if spell.law is Law.DRIVE or spell.broken or (spell.rolled and self._stops_badly(spell)):
+        if spell.law is Law.DRIVE or spell.broken:
+            return
+        breach = self._breach_of_stop(spell) if spell.rolled else None
+        if breach is not None:
+            self._break(*breach)
             return
         names = {spell.stays}
         if spell.said is not None and (spell.rolled or spell.true == 'K-3E-08'):
@@ -505,58 +485,48 @@ class Oracle:
                 self._pass(name, f'It stood still after {spell.what}.', at, took)
             elif asked and not seen and at - spell.at > 2 * limits.slack:
                 why = f'Nobody saw in time whether the wheels stood still after {spell.what}.'
-                self._keep(Breach(name, Verdict.NOT_JUDGED, why, spell.at, at))
+                self._keep(name, Finding(Verdict.NOT_JUDGED, why, since=spell.at, at=at))
 
-    def _stops_badly(self, spell: Spell) -> bool:
-        """Judge when a rolling kart began to brake, and whether its report was true."""
+    def _breach_of_stop(self, spell: Spell) -> tuple[str, str, float] | None:
+        """Return the breach of a rolling kart that brakes or reports badly: name, why and time."""
         limits, top = self._limits, spell.top
-        began = None
-        if top >= FAST * limits.standstill:
-            slower, slow = _fell(spell.speeds, 0.9 * top), _fell(spell.speeds, 0.7 * top)
-            if slower is not None and slow is not None:
-                began = slower - (slow - slower) * (0.1 / 0.2)
+        measured = top >= FAST * limits.standstill
         due = spell.at + spell.grace + limits.slack + VARIES
         known = max((speed for at, speed in spell.speeds if at <= due), default=top)
         if top > FASTER * known + limits.standstill:
             at = next(at for at, speed in spell.speeds if speed == top)
             why = f'it got faster, up to {top:.2f} m/s after {at - spell.at:.2f} s.'
-            self._break(spell.stops, why, at)
-            return True
+            return spell.stops, why, at
         slowest = math.inf
-        for at, speed in spell.speeds:
+        for at, speed in spell.speeds if measured else ():
             slowest = min(slowest, speed) if at > due else slowest
-            if top >= FAST * limits.standstill and speed > slowest + REGAINED * top:
+            if speed > slowest + REGAINED * top:
                 why = f'{at - spell.at:.2f} s later, it got faster again, up to {speed:.2f} m/s.'
-                self._break(spell.stops, why, at)
-                return True
-        if began is not None:
+                return spell.stops, why, at
+        slower, slow = _fell(spell.speeds, 0.9 * top), _fell(spell.speeds, 0.7 * top)
+        if measured and slower is not None and slow is not None:
+            spell.began = began = slower - (slow - slower) * (0.1 / 0.2)
             stood = self._stood if self._stood is not None else spell.speeds[-1][0]
-            late = due + (GENTLY * (stood - spell.at) if spell.law is Law.FLAG else 0.0)
-            if began > late:
+            if began > due + (GENTLY * (stood - spell.at) if spell.law is Law.FLAG else 0.0):
                 why = f'it began to slow down only after {began - spell.at:.2f} s.'
-                self._break(spell.stops, why, began)
-                return True
-            self._stops.append(spell)
-            if spell.drove:
-                self._delays.append(max(began - spell.at, 0.0))
-        said = spell.said
-        if said is None:
-            return False
+                return spell.stops, why, began
+        self._stops.append(spell)
+        if spell.said is None:
+            return None
         # A kart that was braking already does not show how late odometry is. Its other stops do.
-        delay = min(self._delays, default=limits.slack)
-        if spell.drove:
-            delay = limits.slack if began is None else max(began - spell.at, 0.0)
-        lag = min(delay + VARIES, limits.slack)
+        shows = [spell] if spell.drove else [each for each in self._stops if each.drove]
+        delays = [max(each.began - each.at, 0.0) for each in shows if each.began is not None]
+        lag = min(min(delays, default=limits.slack) + VARIES, limits.slack)
         rolls = max(ROLLING * top, limits.standstill)
-        turned = next(((at, v) for at, v in spell.speeds if at > said + lag and v > rolls), None)
-        if turned is not None:
-            at, speed = turned
-            why = f'{at - said:.2f} s after reporting a standstill, it moved at {speed:.2f} m/s.'
-            self._break(spell.true, why, at)
-        elif spell.moved and said - self._freed < limits.fastest_stop:
+        for at, speed in spell.speeds:
+            late = at - spell.said
+            if late > lag and speed > rolls:
+                why = f'{late:.2f} s after reporting a standstill, it moved at {speed:.2f} m/s.'
+                return spell.true, why, at
+        if spell.moved and spell.said - self._freed < limits.fastest_stop:
             why = 'it reported a standstill sooner than a kart at speed can stop.'
-            self._break(spell.true, why, said)
-        return spell.broken
+            return spell.true, why, spell.said
+        return None
 
     # ----- the connection -------------------------------------------------------------------
 
@@ -565,18 +535,15 @@ class Oracle:
         if due is not None:
             took = event.at - due.since
             self._pass(due.name, f'It connected after {took:.2f} s.', event.at, took)
-        self._doubtful.update(dict.fromkeys(self._open, event.at))
-        self._open.add(event.link)
-        self._quiet[event.link] = event.at
-        if self._state is not None:
+        self._open[event.link] = event.at
+        if self._order is not None:
             self._lose(event.at, 'kart')
         self._link = event.link
 
     def _take_end(self, event: Event) -> None:
         if event.text != 'half-closed':
-            self._open.discard(event.link)
-            self._doubtful.pop(event.link, None)
-        if event.link != self._link or self._state is None:
+            self._open.pop(event.link, None)
+        if event.link != self._link or self._order is None:
             return
         at, how = event.at, event.text
         if event.kind is Kind.ENDED:
@@ -607,7 +574,7 @@ class Oracle:
         self._let_go(at)
         braked = self._state in (RED_FLAG, RED_RED) and self._stood is None
         name = 'K-3E-11' if braked else LOSSES.get(how, 'K-3E-11')
-        self._state, self._ready, self._since = None, False, how
+        self._order, self._since = None, how
         what = {'kart': 'it dropped its connection', 'away': 'race control went away'}.get(
             how, f'a loss ({how})'
         )
@@ -616,26 +583,27 @@ class Oracle:
     # ----- orders -------------------------------------------------------------------------------
 
     def _take_sent(self, event: Event, fresh: list[SentState]) -> None:
-        link = event.link
-        opened = self._quiet.pop(link, None)
+        link, at = event.link, event.at
         if link != self._link:
             return
-        if self.trace.framed_at(link) == event.at:
-            self._expire_link(event.at)  # the loss is over
-        if opened is not None and link > 1 and event.at - opened > self._limits.slack / 2:
-            self._pass('K-4C-12', 'It sent nothing before it was sent anything.', event.at)
-        if not fresh and self._state is None and self.trace.framed_at(link) == event.at:
+        framed = self.trace.framed_at(link) == at
+        if framed:
+            self._expire_link(at)  # the loss is over
+        first = self.trace.bytes_sent(link) == len(event.data)
+        if first and link > 1 and at - self._open.get(link, at) > self._limits.slack / 2:
+            self._pass('K-4C-12', 'It sent nothing before it was sent anything.', at)
+        if framed and not fresh and self._order is None:
             fresh = self.trace.orders(link)[-1:]  # the same order again after a silence
         for order in fresh:
-            self._take_order(order, event.at)
+            self._take_order(order, at)
 
     def _take_order(self, order: SentState, at: float) -> None:
         if self._killed:
             return
-        before, self._state = self._state, order.state
+        earlier, before, state = self._order, self._state, order.state
         self._let_go(at)
-        state = order.state
-        armed = before is GRID_ACTIVE and self._ready
+        self._order = order
+        armed = earlier is not None and before is GRID_ACTIVE and self.trace.has(earlier)
         if state is GREEN_GREEN and armed:
             self._free(order)
         elif state is GREEN_GREEN:
@@ -654,12 +622,10 @@ class Oracle:
         else:
             malformed = state is GRID_ACTIVE and self._step == 'malformed'
             self._begin(Law.STAND, at, state.value, 'K-4C-07' if malformed else STAYS[state])
-        self._ready = False
         if state in ACKNOWLEDGES and (state is not GREEN_GREEN or armed):
             name, limit = ACKNOWLEDGES[state]
             if state is GRID_ACTIVE:
-                self._grids += 1
-                name = name if self._grids == 1 else 'K-3A-11'
+                name = 'K-3A-11' if name in self._found else name
             elif state is RED_RED:
                 name = SENT_SO.get(self._step, name)
                 if self._since == 'closed' and before is None:
@@ -668,8 +634,7 @@ class Oracle:
 
     def _free(self, order: SentState) -> None:
         self._begin(Law.DRIVE, order.at, 'GREEN_GREEN', 'K-3A-05')
-        self._stood = self._turned = self._said_green = None
-        self._drives_on = 0
+        self._stood, self._drives_on = None, 0
 
     # ----- words --------------------------------------------------------------------------------
 
@@ -682,15 +647,9 @@ class Oracle:
             self._fail(due.name, why, due.since, at, took)
         else:
             self._pass(due.name, f'It acknowledged {due.what} after {took:.3f} s.', at, took)
-        state = due.order.state
-        if state is GRID_ACTIVE:
-            self._ready = True
-        elif state is GREEN_GREEN:
-            self._said_green, self._drives_on = at, self._link
-        else:
-            self.spell.said = at
-            if self.spell.rolled and self.spell.moved:
-                self._by_word.setdefault(self.spell.law, took)
+        self.spell.said = at
+        if due.order.state is GREEN_GREEN:
+            self._drives_on = self._link
 
     def _let_go(self, at: float) -> None:
         """Record a missing acknowledgement, if the kart had enough time for it."""
@@ -713,7 +672,7 @@ class Oracle:
             self._fail('K-4C-01', f'It sent {said}', at, at)
             return
         self._pass('K-4C-01', 'It sent frames only.', at)
-        if said.link in self._quiet:
+        if not self.trace.bytes_sent(said.link):
             name = 'K-4C-11' if said.link == 1 else 'K-4C-12'
             why = f'It sent {said} before it was sent anything on this connection.'
             self._fail(name, why, at, at)
@@ -755,8 +714,13 @@ class Oracle:
 
     def _compare(self) -> None:
         """Compare the stops with each other, each pair over the same speed range."""
-        if not self._stops and {Law.FLAG, Law.RED} <= self._by_word.keys():
-            red, flag = self._by_word[Law.RED], self._by_word[Law.FLAG]
+        seen = [each for each in self._stops if each.began is not None]
+        took_to_say: dict[Law, float] = {}
+        for each in self._stops:
+            if each.moved and each.said is not None:
+                took_to_say.setdefault(each.law, each.said - each.at)
+        if not seen and {Law.FLAG, Law.RED} <= took_to_say.keys():
+            red, flag = took_to_say[Law.RED], took_to_say[Law.FLAG]
             why = (
                 f'It reported a standstill {flag:.2f} s after RED_FLAG, {red:.2f} s after RED_RED.'
             )
@@ -764,10 +728,10 @@ class Oracle:
                 self._fail('K-3A-13', why, 0.0, 0.0, red)
             else:
                 self._pass('K-3A-13', why, 0.0, red)
-        reds = [each for each in self._stops if each.stops == BRAKES[RED_RED]]
+        reds = [each for each in seen if each.stops == BRAKES[RED_RED]]
         stops = [
             each
-            for each in self._stops
+            for each in seen
             if each.law in (Law.FLAG, Law.LOST) or each.stops == BRAKES[RED_RED]
             if each.stops != LOSSES['stack']
         ]

@@ -13,8 +13,9 @@ import struct
 from typing import Any
 
 from evgp_inspection.limits import Limits
-from evgp_inspection.oracle import Breach, Oracle
+from evgp_inspection.oracle import Oracle
 from evgp_inspection.traces import Event, Kind
+from evgp_inspection.verdicts import Finding
 from evgp_protocol.link import unanswered, unread
 
 RESET = struct.pack('ii', 1, 0)
@@ -28,10 +29,10 @@ class Recording:
     Times are in seconds since the start.
 
     :param limits: the limits for the oracle.
-    :param tell: called with each breach that the oracle finds.
+    :param tell: see `Oracle`.
     """
 
-    def __init__(self, limits: Limits, tell: Callable[[Breach], object]) -> None:
+    def __init__(self, limits: Limits, tell: Callable[[str, Finding], object]) -> None:
         self.oracle = Oracle(limits, tell)
         self.trace = self.oracle.trace
         self._loop = asyncio.get_running_loop()

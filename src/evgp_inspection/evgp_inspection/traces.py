@@ -170,6 +170,9 @@ class Trace:
         """Return the orders sent on a connection; a repeated state counts as one order."""
         return self._wires[link].orders if link in self._wires else []
 
+    def bytes_sent(self, link: int) -> int:
+        return self._wires[link].bytes_sent if link in self._wires else 0
+
     def framed_at(self, link: int) -> float:
         """Return the time at which a whole, correct frame was last sent on a connection."""
         return self._wires[link].framed_at if link in self._wires else 0.0

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import dataclasses
 import enum
-from typing import Any
+from typing import Any, NamedTuple
 
 from evgp_inspection.traces import Event, Kind
 
@@ -24,20 +24,29 @@ class Verdict(enum.Enum):
     NOT_JUDGED = 'not judged'
 
 
-@dataclasses.dataclass(frozen=True)
-class Finding:
+class Finding(NamedTuple):
     """
-    The finding of an inspection about a clause.
+    The finding of an inspection about a clause. Times are in seconds.
 
     :ivar why: a sentence that says what was seen, or why nothing could be seen.
-    :ivar measured: the measured time, in seconds; None if no time is measured for this clause.
+    :ivar measured: the measured time; None if no time is measured for this clause.
     :ivar evidence: the events that led to the finding.
+    :ivar since: the time at which its cause began.
+    :ivar at: the time at which it was found.
     """
 
     verdict: Verdict
     why: str
     measured: float | None = None
     evidence: tuple[Event, ...] = ()
+    since: float = 0.0
+    at: float = 0.0
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Return how grave it is: by the verdict and, in a pass, by the time it took."""
+        verdicts = (Verdict.PASS, Verdict.NOT_JUDGED, Verdict.FAIL)
+        return verdicts.index(self.verdict), self.measured or 0.0
 
 
 NOT_DONE = Finding(Verdict.NOT_JUDGED, 'The inspection did not get this far.')
@@ -131,7 +140,7 @@ def results_of(
         late = [each.value for each in finding.evidence if each.kind is Kind.HELD_UP]
         if finding.verdict is Verdict.FAIL and late:
             why = f'The inspecting computer hung for {max(late):.1f} s. Inspect again.'
-            finding = dataclasses.replace(finding, verdict=Verdict.NOT_JUDGED, why=why)
+            finding = finding._replace(verdict=Verdict.NOT_JUDGED, why=why)
         limit = getattr(limits, clause.limit) if clause.limit else None
         results.append(Result(clause, finding, limit))
     return results

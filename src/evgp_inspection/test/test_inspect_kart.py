@@ -157,7 +157,7 @@ def test_a_kart_that_ends_is_started_again_by_the_inspector_and_inspected_to_the
 @contextlib.asynccontextmanager
 async def connected() -> AsyncIterator[tuple[Recording, KartWire, socket.socket]]:
     """Return a wire, and the socket of a kart that is connected."""
-    recording = Recording(Limits(), lambda breach: None)
+    recording = Recording(Limits(), lambda name, found: None)
     wire = KartWire(recording, lambda line: None)
     await wire.listen('127.0.0.1', 0)
     with socket.create_connection(('127.0.0.1', wire.port)) as kart:
