@@ -12,15 +12,16 @@ objects, and refuses every feature of YAML that the roster does not need.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Mapping
 import contextlib
 import dataclasses
 import datetime
 import enum
+import functools
 import ipaddress
 import pathlib
 import re
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from evgp_node.entry_list import as_roster
 import yaml
@@ -39,17 +40,11 @@ MOST_LAPS = 999
 # A file with more faults is not a roster.
 MOST_FAULTS = 100
 
-_FIELDS = ('number', 'team', 'address', 'in_race')
-
-_OPTIONAL = ('inspected', 'transponders')
-
-_OF_A_HEAT = ('format', 'laps', 'grid_from', 'auto_finish')
-
 _INT = 'tag:yaml.org,2002:int'
 _BOOL = 'tag:yaml.org,2002:bool'
 _STR = 'tag:yaml.org,2002:str'
 
-_Read = TypeVar('_Read')
+_Value = TypeVar('_Value')
 
 
 class RosterError(ValueError):
@@ -57,8 +52,8 @@ class RosterError(ValueError):
     The roster cannot be used. The text tells the official who wrote it what to mend.
 
     It has one line for each fault, in the order of the file. Each line names the file and, if
-    possible, the line in it: `karts.yaml:7: kart 3: address 10.0.0.3 is already kart 1's (line 4);
-    give every kart its own address`.
+    possible, the line in it: `karts.yaml:7: kart 3: address 10.0.0.3 is already in line 4; give
+    every kart its own address`.
 
     :ivar as_roster: another program's list of karts as a roster with gaps; empty if the file is no
         such list.
@@ -136,15 +131,12 @@ def load_roster(path: pathlib.Path) -> Roster:
     """
     try:
         if path.is_fifo():
-            raise RosterError(f'{path}: is a pipe, not a file; name a readable file')
+            raise OSError('it is a pipe')
         with path.open('rb') as file:
             content = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        reason = error.strerror or str(error)
+    except (OSError, ValueError) as error:  # ValueError: a path such as one with a null byte
+        reason = getattr(error, 'strerror', None) or str(error)
         raise RosterError(f'{path}: cannot be read ({reason}); name a readable file') from error
-    except ValueError as error:  # a path that no file can have, for example with a null byte
-        reason = f'is not a file name ({error}); name a readable file'
-        raise RosterError(f'{path!s}: {reason}') from error
     # Check this before decoding, which would fail if the text was cut within a character.
     if len(content) > MAX_BYTES:
         raise RosterError(
@@ -169,11 +161,38 @@ def parse_roster(text: str, source: str) -> Roster:
     :param source: name of the file, for messages.
     :raises RosterError: if the text is not a roster. No other exception is raised.
     """
-    return _Parser(source).parse(text)
+    foreign, missing = as_roster(text)
+    if foreign:
+        error = RosterError(
+            f"{source}: is a list of another program, not a roster. 'make -s roster "
+            f"ROSTER={source} > new.yaml' (rcs_roster check) converts it. Then fill in "
+            f'each {missing}, and check it again'
+        )
+        error.as_roster = foreign
+        raise error
+    reading = _Reading()
+    try:
+        karts, heats = reading.roster(text)
+    except _FaultError as fault:
+        reading.faults.append(fault)
+    if not reading.faults:
+        for each in heats:
+            each['karts'] = tuple(sorted(each['karts']))
+        return Roster(
+            tuple(RosterEntry(**each) for each in karts), tuple(Heat(**each) for each in heats)
+        )
+    faults = sorted(reading.faults, key=lambda fault: fault.line)
+    lines = [
+        f'{source}{f":{fault.line}" if fault.line else ""}: {fault.reason}'
+        for fault in faults[:MOST_FAULTS]
+    ]
+    if len(faults) > MOST_FAULTS:
+        lines.append(f'{source}: {len(faults) - MOST_FAULTS} more faults')
+    raise RosterError('\n'.join(lines))
 
 
 class _FaultError(Exception):
-    """A fault that ends the reading of a part, at a line or (line 0) of the whole file."""
+    """A fault at a line, or (line 0) of the whole file. If raised, it ends the reading."""
 
     def __init__(self, line: int, reason: str) -> None:
         super().__init__(line, reason)
@@ -181,94 +200,149 @@ class _FaultError(Exception):
         self.reason = reason
 
 
-class _Parser:
-    """A parser of one text, which collects all faults in order to report them together."""
+# ----- single values --------------------------------------------------------------------------
 
-    def __init__(self, source: str) -> None:
-        self._source = source
-        self._faults: list[_FaultError] = []
-        self._lines_of_numbers: dict[int, int] = {}
-        self._every_number_known = True
+# Each of these functions returns the value of a node, or raises a ValueError. The error's text
+# follows the name of the field and what the node contains.
 
-    def parse(self, text: str) -> Roster:
-        foreign, missing = as_roster(text)
-        if foreign:
-            error = RosterError(
-                f"{self._source}: is a list of another program, not a roster. 'make -s roster "
-                f"ROSTER={self._source} > new.yaml' (rcs_roster check) converts it. Then fill in "
-                f'each {missing}, and check it again'
-            )
-            error.as_roster = foreign
-            raise error
-        try:
-            roster = self._read(text)
-        except _FaultError as fault:
-            self._faults.append(fault)
-        if not self._faults:
-            return roster
-        self._faults.sort(key=lambda fault: fault.line)
-        lines = [
-            f'{self._source}{f":{fault.line}" if fault.line else ""}: {fault.reason}'
-            for fault in self._faults[:MOST_FAULTS]
-        ]
-        if len(self._faults) > MOST_FAULTS:
-            lines.append(f'{self._source}: {len(self._faults) - MOST_FAULTS} more faults')
-        raise RosterError('\n'.join(lines))
 
-    def _read(self, text: str) -> Roster:
+def _whole(node: yaml.Node, most: int = MAX_NUMBER) -> int:
+    # Accept only decimal numbers, because YAML would read 010 as eight and 1:30 as ninety.
+    decimal = node.tag == _INT and re.fullmatch('[1-9][0-9]{0,3}', node.value)
+    if decimal and int(node.value) <= most:
+        return int(node.value)
+    raise ValueError(f'is not valid; give a whole number from 1 to {most}, without quotes')
+
+
+def _name(node: yaml.Node, most: int) -> str:
+    name = str(node.value).strip() if isinstance(node, yaml.ScalarNode) else ''
+    if not (name and name.isprintable() and len(name) <= most):
+        raise ValueError(f'is not a name; give 1 to {most} printable characters')
+    return name
+
+
+def _team(node: yaml.Node) -> str:
+    name = _name(node, MAX_TEAM_LENGTH)
+    if node.tag != _STR:
+        raise ValueError('is not text; put a name that looks like a number, yes or no in quotes')
+    return name
+
+
+def _address(node: yaml.Node) -> str:
+    right = "give the kart's own IPv4 address, such as 10.0.0.101"
+    try:
+        address = ipaddress.IPv4Address(str(node.value))
+    except ValueError as error:
+        why = f' ({error})' if 'eading zero' in str(error) else ''
+        raise ValueError(f'is not an IPv4 address{why}; {right}') from error
+    # No kart can connect from such an address.
+    if address.packed[0] == 0 or address.is_multicast or address.is_reserved:
+        kind = 'a multicast' if address.is_multicast else 'an unspecified or broadcast'
+        raise ValueError(f'is {kind} address, which no kart can have; {right}')
+    return str(address)
+
+
+def _truth(node: yaml.Node) -> bool:
+    if node.tag != _BOOL:
+        raise ValueError('is neither true nor false; give one of the two, without quotes')
+    return str(node.value).lower() in ('true', 'yes', 'on')
+
+
+def _date(node: yaml.Node) -> str:
+    text = str(node.value)
+    if isinstance(node, yaml.ScalarNode) and re.fullmatch('[0-9]{4}-[0-9]{2}-[0-9]{2}', text):
+        with contextlib.suppress(ValueError):  # such as the 31st of February
+            return datetime.date.fromisoformat(text).isoformat()
+    raise ValueError(
+        'is not a date; give the day of the inspection as YEAR-MONTH-DAY, such as 2026-05-01, or '
+        'leave it out'
+    )
+
+
+def _format(node: yaml.Node) -> Format:
+    try:
+        return Format(node.value)
+    except ValueError as error:
+        raise ValueError(f'is unknown; give one of {_FORMATS}') from error
+
+
+def _grid_from(node: yaml.Node, sources: set[str]) -> str:
+    source = node.value.strip() if isinstance(node, yaml.ScalarNode) else ''
+    if source not in sources:
+        raise ValueError(
+            f'is not another heat; give the name of one, or of a format ({_FORMATS}), or leave it '
+            'out'
+        )
+    return str(source)
+
+
+_FORMATS = ', '.join(each.value for each in Format)
+
+_Read = Callable[[yaml.Node], Any]
+_Readers = Mapping[str, _Read | list[_Read]]
+
+
+# ----- the whole ------------------------------------------------------------------------------
+
+
+class _Loader(yaml.SafeLoader):
+    """
+    A loader that refuses anchors and tags, which a roster does not need.
+
+    Anchors let YAML grow without bound, and tags can name any type. Without them, each node occurs
+    once in the tree.
+    """
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        event = self.peek_event()  # type: ignore[no-untyped-call]
+        if event.anchor is not None:
+            raise _fault(event, 'anchors (&, *) are not used here; write it out')
+        if getattr(event, 'tag', None) is not None:
+            raise _fault(event, 'tags (!) are not used here; leave it out')
+        return super().compose_node(parent, index)
+
+
+class _Reading:
+    """
+    The reading of one text, which collects all faults to report them together.
+
+    :ivar faults: the faults so far.
+    """
+
+    def __init__(self) -> None:
+        self.faults: list[_FaultError] = []
+        self._first: dict[tuple[object, object], yaml.Node] = {}
+        # None if a kart's number is unknown, so that a heat may name it.
+        self._numbers: set[int | None] = {None}
+
+    def roster(self, text: str) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+        """
+        Return the fields of each kart and of each heat, which are right if there are no faults.
+
+        :raises _FaultError: if the rest of the text cannot be read.
+        """
         root = self._compose(text)
         if root is None:
             raise _FaultError(0, "is empty; list the karts under 'karts:'")
-        fields = self._fields(root, ('karts',), 'the roster', optional=('heats',))
-        entries: list[RosterEntry] = []
-        karts = fields.get('karts')
-        if karts is not None:
-            if not isinstance(karts, yaml.SequenceNode):
-                self._note(karts, "'karts' is not a list; begin each kart with '- number: ...'")
-            elif not karts.value:
-                self._note(karts, "'karts' is empty; list at least one kart")
-            elif len(karts.value) > MOST_ENTRIES:
-                raise _fault(
-                    karts,
-                    f'lists {len(karts.value)} karts; list {MOST_ENTRIES} at most, and keep the '
-                    'others in a roster of their own',
-                )
-            else:
-                entries = list(self._entries(karts.value))
-        heats = fields.get('heats')
-        return Roster(tuple(entries), tuple(self._heats(heats)) if heats is not None else ())
+        parts: _Readers = {'karts': lambda node: node, 'heats': lambda node: node}
+        fields = self._fields(root, 'the roster', parts, ('karts',))
+        karts = self._karts(fields['karts']) if 'karts' in fields else []
+        return karts, self._heats(fields['heats']) if 'heats' in fields else []
 
     def _compose(self, text: str) -> yaml.Node | None:
-        """
-        Return the tree of the text, in which each node occurs once, with YAML's own types.
-
-        Anchors let YAML grow without bound, and tags can name any type. A roster needs neither, so
-        they are refused before the tree is built.
-        """
-        depth = 0
         with contextlib.suppress(yaml.YAMLError, ValueError, OverflowError):  # reported below
             self._refuse_cuts(text)
         try:
-            for event in yaml.parse(text, Loader=yaml.SafeLoader):
-                if isinstance(event, yaml.NodeEvent) and event.anchor is not None:
-                    raise _fault(event, 'anchors (&, *) are not used here; write it out')
-                if getattr(event, 'tag', None) is not None:
-                    raise _fault(event, 'tags (!) are not used here; leave it out')
-                if isinstance(event, yaml.CollectionStartEvent):
-                    depth += 1
-                elif isinstance(event, yaml.CollectionEndEvent):
-                    depth -= 1
-                # Limit the depth, because composing recurses. A kart's fields are three levels
-                # deep.
-                if depth > 10:
-                    raise _fault(event, "is nested too deeply; list the karts under 'karts:'")
-            return yaml.compose(text, Loader=yaml.SafeLoader)
+            return yaml.compose(text, Loader=_Loader)
         except yaml.MarkedYAMLError as error:
             raise _broken(text, error) from error
         except yaml.reader.ReaderError as error:  # a character that YAML forbids
             line = text.count('\n', 0, error.position) + 1
             reason = f'the character #x{error.character:04x} is not allowed'
             raise _not_yaml(line, reason) from error
+        except RecursionError as error:
+            reason = "is nested too deeply; list the karts under 'karts:'"
+            raise _FaultError(0, reason) from error
         except (ValueError, OverflowError) as error:
             # PyYAML raises these for a number in an escape or a directive that is out of range.
             raise _not_yaml(0, error) from error
@@ -280,284 +354,151 @@ class _Parser:
             inside += isinstance(token, (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken))
             inside -= isinstance(token, (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken))
             if inside > 10:
-                return  # nested too deeply, which is reported next
+                return  # no roster is nested so deeply, and the scanner would become slow
             name = isinstance(token, yaml.ScalarToken) and token.plain and _is_text(token.value)
             end = token.end_mark
             if (inside or name) and _COMMENT.match(text, end.index):
-                self._faults.append(_FaultError(end.line + 1, CUT))
+                self.faults.append(_FaultError(end.line + 1, CUT))
 
-    def _entries(self, nodes: list[yaml.Node]) -> Iterator[RosterEntry]:
-        """Check each kart on its own and against the earlier ones and yield it."""
-        lines_of_numbers = self._lines_of_numbers
-        owners: dict[str, tuple[str, int]] = {}
-        carriers: dict[str, tuple[str, int]] = {}
-        for position, node in enumerate(nodes, start=1):
-            known = self._number_in(node)
-            kart = f'kart entry {position}' if known is None else f'kart {known}'
-            fields = self._tried(self._fields, node, _FIELDS, kart, _OPTIONAL) or {}
-            number = self._tried(self._whole, fields.get('number'), f'{kart}: number')
-            if number is None:
-                self._every_number_known = False
-            else:
-                if number in lines_of_numbers:
-                    self._note(
-                        fields['number'],
-                        f'kart {number}: number {number} is already taken '
-                        f'(line {lines_of_numbers[number]}); give every kart its own number',
-                    )
-                lines_of_numbers.setdefault(number, _line(fields['number']))
-            team = self._tried(self._team, fields.get('team'), kart)
-            address = self._tried(self._address, fields.get('address'), kart)
-            if address is not None:
-                self._own(owners, address, fields['address'], kart, 'address')
-            in_race = self._tried(self._truth, fields.get('in_race'), f'{kart}: in_race')
-            inspected = self._tried(self._inspected, fields.get('inspected'), kart)
-            transponders = self._tried(
-                self._transponders, fields.get('transponders'), kart, carriers
+    def _karts(self, node: yaml.Node) -> list[dict[str, Any]]:
+        """Check each kart on its own and against the earlier ones, and return its fields."""
+        if not isinstance(node, yaml.SequenceNode):
+            raise _fault(node, "'karts' is not a list; begin each kart with '- number: ...'")
+        if not node.value:
+            raise _fault(node, "'karts' is empty; list at least one kart")
+        if len(node.value) > MOST_ENTRIES:
+            raise _fault(
+                node,
+                f'lists {len(node.value)} karts; list {MOST_ENTRIES} at most, and keep the '
+                'others in a roster of their own',
             )
-            if not (number is None or team is None or address is None or in_race is None):
-                yield RosterEntry(
-                    number, team, address, in_race, inspected or '', transponders or ()
-                )
 
-    def _own(
-        self,
-        owners: dict[str, tuple[str, int]],
-        name: str,
-        node: yaml.Node,
-        kart: str,
-        what: str,
-    ) -> None:
-        """Record which kart has something unique, or report that another kart already has it."""
-        if name in owners:
-            owner, line = owners[name]
-            whose = f"is already {owner}'s (line {line}); give every kart its own {what}"
-            self._note(node, f'{kart}: {what} {name} {whose}')
-        else:
-            owners[name] = kart, _line(node)
+        def own(what: str, read: _Read) -> _Read:
+            right = f'give every kart its own {what}'
+            return lambda node: self._once(node, what, read(node), right)
 
-    def _transponders(
-        self, node: yaml.Node, kart: str, carriers: dict[str, tuple[str, int]]
-    ) -> tuple[str, ...]:
-        right = 'give a list, such as [4711, 4712], or leave it out'
-        if not isinstance(node, yaml.SequenceNode) or not node.value:
-            raise _fault(node, f'{kart}: transponders {_shown(node)} is not a list; {right}')
-        for each in node.value:
-            name = _name(each, MAX_TRANSPONDER_LENGTH)
-            if not name:
-                raise _fault(
-                    each,
-                    f'{kart}: transponder {_shown(each)} is not a name; give 1 to '
-                    f'{MAX_TRANSPONDER_LENGTH} printable characters, as the device reports it',
-                )
-            self._own(carriers, name, each, kart, 'transponder')
-        return tuple(_name(each, MAX_TRANSPONDER_LENGTH) for each in node.value)
+        name = functools.partial(_name, most=MAX_TRANSPONDER_LENGTH)
+        readers: _Readers = {
+            'number': own('number', _whole),
+            'team': _team,
+            'address': own('address', _address),
+            'in_race': _truth,
+            'inspected': _date,
+            'transponders': [own('transponder', name)],
+        }
+        karts = []
+        numbers = [_number_in(each) for each in node.value]
+        for position, (number, each) in enumerate(zip(numbers, node.value, strict=True), start=1):
+            kart = f'kart entry {position}' if number is None else f'kart {number}'
+            needed = ('number', 'team', 'address', 'in_race')
+            karts.append(self._fields(each, kart, readers, needed))
+        self._numbers = {*numbers}
+        return karts
 
-    def _heats(self, node: yaml.Node) -> Iterator[Heat]:
-        """Check each heat on its own and against the karts and yield it."""
+    def _heats(self, node: yaml.Node) -> list[dict[str, Any]]:
+        """Check each heat on its own and against the karts, and return its fields."""
         right = "write each as '  Heat 1: [1, 2, 3]'"
         if not isinstance(node, yaml.MappingNode):
-            self._note(node, f"'heats' is not a list of names, each with its karts; {right}")
-            return
+            raise _fault(node, f"'heats' is not a list of names, each with its karts; {right}")
         if not node.value:
-            self._note(node, f"'heats' is empty; {right}, or leave 'heats:' out")
-        lines: dict[str, int] = {}
-        for key, value in node.value:
-            name = self._tried(self._heat_name, key)
-            if name is not None:
-                alike = ' '.join(name.casefold().split())
-                if alike in lines:
-                    self._note(
-                        key,
-                        f'heat {name!r} is already there (line {lines[alike]}); '
-                        'give every heat its own name; capitals and spaces make no difference',
-                    )
-                lines.setdefault(alike, _line(key))
-            heat = f'heat {name!r}' if name is not None else 'this heat'
-            fields = {'karts': value}
+            raise _fault(node, f"'heats' is empty; {right}, or leave 'heats:' out")
+        names = [self._value(key, 'heat', self._heat_name) for key, _ in node.value]
+        heats = []
+        for name, (_, value) in zip(names, node.value, strict=True):
+            heat = 'this heat' if name is None else f'heat {name!r}'
+            sources = {*names, *(each.value for each in Format)} - {name}
+            readers: _Readers = {
+                'karts': [functools.partial(self._member, heat=value)],
+                'format': _format,
+                'laps': functools.partial(_whole, most=MOST_LAPS),
+                'grid_from': functools.partial(_grid_from, sources=sources),
+                'auto_finish': _truth,
+            }
             if isinstance(value, yaml.MappingNode):
-                fields = self._tried(self._fields, value, ('karts',), heat, _OF_A_HEAT) or {}
-            format_ = self._tried(self._format, fields.get('format'), heat)
-            laps = self._tried(self._whole, fields.get('laps'), f'{heat}: laps', MOST_LAPS)
-            grid_from = self._tried(self._grid_from, fields.get('grid_from'), heat, node, name)
-            auto = self._tried(self._truth, fields.get('auto_finish'), f'{heat}: auto_finish')
-            karts = self._tried(self._heat_karts, fields.get('karts'), heat)
-            if name is not None and karts:
-                in_order = tuple(sorted(karts))
-                format_ = format_ or Format.RACE
-                yield Heat(name, in_order, format_, laps or 0, grid_from or '', auto or False)
-
-    def _format(self, node: yaml.Node, heat: str) -> Format:
-        try:
-            return Format(node.value)
-        except ValueError as error:
-            known = ', '.join(each.value for each in Format)
-            fault = f'{heat}: format {_shown(node)} is unknown; give one of {known}'
-            raise _fault(node, fault) from error
-
-    def _grid_from(
-        self, node: yaml.Node, heat: str, heats: yaml.MappingNode, name: str | None
-    ) -> str:
-        source = node.value.strip() if isinstance(node, yaml.ScalarNode) else ''
-        others = {key.value.strip() for key, _ in heats.value if isinstance(key, yaml.ScalarNode)}
-        others -= {name}
-        if source in others or source in [each.value for each in Format]:
-            return str(source)
-        raise _fault(
-            node,
-            f'{heat}: grid_from {_shown(node)} is not another heat; give the name of one, or of a '
-            f'format ({", ".join(each.value for each in Format)}), or leave it out',
-        )
+                fields = self._fields(value, heat, readers, ('karts',))
+            else:
+                fields = {'karts': self._value(value, f'{heat}: karts', readers['karts'])}
+            heats.append({**fields, 'name': name})
+        return heats
 
     def _heat_name(self, node: yaml.Node) -> str:
         name = _name(node, MAX_HEAT_LENGTH)
-        if name:
-            return name
-        raise _fault(
-            node,
-            f'heat {_shown(node)} has no name that can be displayed; '
-            f'give it 1 to {MAX_HEAT_LENGTH} printable characters',
-        )
+        right = 'give every heat its own name; capitals and spaces make no difference'
+        self._once(node, 'heat', ' '.join(name.casefold().split()), right)
+        return name
 
-    def _heat_karts(self, node: yaml.Node, heat: str) -> set[int]:
-        karts: set[int] = set()
-        if not isinstance(node, yaml.SequenceNode):
-            raise _fault(
-                node, f'{heat} is not a list of karts; give their numbers, such as [1, 2, 3]'
-            )
-        if not node.value:
-            self._note(node, f'{heat} is empty; give the numbers of its karts, or leave it out')
-        for each in node.value:
-            number = self._tried(self._whole, each, f'{heat}: number')
-            if number is None:
-                continue
-            if number in karts:
-                self._note(each, f'{heat} has kart {number} already; give it once')
-            elif self._every_number_known and number not in self._lines_of_numbers:
-                self._note(
-                    each,
-                    f"{heat}: the roster has no kart {number}; give a number from 'karts:'",
-                )
-            karts.add(number)
-        return karts
+    def _member(self, node: yaml.Node, heat: yaml.Node) -> int:
+        number = _whole(node)
+        if None not in self._numbers and number not in self._numbers:
+            raise ValueError("is not in the roster; give a number from 'karts:'")
+        return self._once(node, id(heat), number, 'give it once')
+
+    def _once(self, node: yaml.Node, what: object, value: _Value, right: str) -> _Value:
+        """Return a value of this kind, or raise a ValueError if an earlier node has it already."""
+        first = self._first.setdefault((what, value), node)
+        if first is not node:
+            raise ValueError(f'is already in line {_line(first)}; {right}')
+        return value
 
     def _fields(
         self,
         node: yaml.Node,
-        names: tuple[str, ...],
         what: str,
-        optional: tuple[str, ...] = (),
-    ) -> dict[str, yaml.Node]:
-        """Return a mapping's fields, and report any that are unknown, duplicate or missing."""
+        readers: _Readers,
+        needed: tuple[str, ...],
+    ) -> dict[str, Any]:
+        """Return the values in a mapping, and report those that are wrong, unknown or missing."""
         if not isinstance(node, yaml.MappingNode):
-            raise _fault(node, f'{what} has no fields; give it {_quoted(names)}')
-        fields: dict[str, yaml.Node] = {}
-        lines: dict[str, int] = {}
+            self._note(node, f'{what} has no fields; give it {_quoted(needed)}')
+            return {}
+        keys: dict[str, yaml.Node] = {}
+        fields: dict[str, Any] = {}
         for key, value in node.value:
-            name = key.value if isinstance(key, yaml.ScalarNode) else None
-            if name not in (*names, *optional):
-                shown = 'that is not one word' if name is None else repr(name)
-                self._note(
-                    key,
-                    f'{what} has the unknown field {shown}; it has {_quoted((*names, *optional))}',
-                )
-                continue
-            if name in fields:
-                self._note(key, f"{what} has '{name}' already (line {lines[name]}); give it once")
-                continue
-            fields[name] = value
-            lines[name] = _line(key)
-        missing = [name for name in names if name not in fields]
+            name = key.value if isinstance(key, yaml.ScalarNode) else ''
+            if name not in readers:
+                shown = repr(name) if name else 'that is not one word'
+                known = _quoted(readers)
+                self._note(key, f'{what} has the unknown field {shown}; it has {known}')
+            elif (first := keys.setdefault(name, key)) is not key:
+                twice = f"{what} has '{name}' already (line {_line(first)}); give it once"
+                self._note(key, twice)
+            else:
+                fields[name] = self._value(value, f'{what}: {name}', readers[name])
+        missing = [name for name in needed if name not in fields]
         if missing:
             it = 'it' if len(missing) == 1 else 'them'
             self._note(node, f'{what} has no {_quoted(missing)}; add {it}')
         return fields
 
-    def _number_in(self, node: yaml.Node) -> int | None:
-        """Return a kart's number, for messages about its other fields; None if it is unknown."""
-        for key, value in node.value if isinstance(node, yaml.MappingNode) else ():
-            if isinstance(key, yaml.ScalarNode) and key.value == 'number':
-                try:
-                    return self._whole(value, '')
-                except _FaultError:
-                    return None
-        return None
+    def _value(self, node: yaml.Node, what: str, read: _Read | list[_Read]) -> Any:
+        """
+        Return what a node contains; None if it is wrong, which is reported.
 
-    def _whole(self, node: yaml.Node, what: str, most: int = MAX_NUMBER) -> int:
-        # Accept only decimal numbers, because YAML would read 010 as eight and 1:30 as ninety.
-        decimal = node.tag == _INT and re.fullmatch('[1-9][0-9]{0,3}', node.value)
-        if decimal and int(node.value) <= most:
-            return int(node.value)
-        raise _fault(
-            node,
-            f'{what} {_shown(node)} is not valid; '
-            f'give a whole number from 1 to {most}, without quotes',
-        )
-
-    def _team(self, node: yaml.Node, kart: str) -> str:
-        team = _name(node, MAX_TEAM_LENGTH)
-        if team and node.tag == _STR:
-            return team
-        raise _fault(
-            node,
-            f'{kart}: team {_shown(node)} is not a name; give 1 to {MAX_TEAM_LENGTH} printable '
-            'characters, in quotes if they look like a number or a yes or no',
-        )
-
-    def _address(self, node: yaml.Node, kart: str) -> str:
-        right = "give the kart's own IPv4 address, such as 10.0.0.101"
+        :param what: what the node is, for the report.
+        :param read: what reads the node; in a list if the node is a list of such values.
+        """
         try:
-            address = ipaddress.IPv4Address(str(node.value))
+            if not isinstance(read, list):
+                return read(node)
+            if not isinstance(node, yaml.SequenceNode) or not node.value:
+                raise ValueError('is not a list; give one such as [1, 2]')
+            one = what.removesuffix('s')
+            return tuple(self._value(each, one, read[0]) for each in node.value)
         except ValueError as error:
-            why = f' ({error})' if 'eading zero' in str(error) else ''
-            raise _fault(
-                node, f'{kart}: address {_shown(node)} is not an IPv4 address{why}; {right}'
-            ) from error
-        # No kart can connect from such an address.
-        if address.packed[0] == 0 or address.is_multicast or address.is_reserved:
-            kind = 'a multicast' if address.is_multicast else 'an unspecified or broadcast'
-            raise _fault(
-                node,
-                f'{kart}: address {address} is {kind} address, which no kart can have; {right}',
-            )
-        return str(address)
-
-    def _truth(self, node: yaml.Node, what: str) -> bool:
-        if node.tag != _BOOL:
-            raise _fault(
-                node,
-                f'{what} {_shown(node)} is neither true nor false; '
-                'give one of the two, without quotes',
-            )
-        return str(node.value).lower() in ('true', 'yes', 'on')
-
-    def _inspected(self, node: yaml.Node, kart: str) -> str:
-        text = str(node.value)
-        if isinstance(node, yaml.ScalarNode) and re.fullmatch('[0-9]{4}-[0-9]{2}-[0-9]{2}', text):
-            try:
-                return datetime.date.fromisoformat(text).isoformat()
-            except ValueError:
-                pass  # such as the 31st of February
-        raise _fault(
-            node,
-            f'{kart}: inspected {_shown(node)} is not a date; give the day of the inspection as '
-            'YEAR-MONTH-DAY, such as 2026-05-01, or leave it out',
-        )
-
-    def _tried(
-        self, read: Callable[..., _Read], node: yaml.Node | None, *context: object
-    ) -> _Read | None:
-        """Return what a node contains, or report its fault; None after a fault or without node."""
-        if node is None:
-            return None
-        try:
-            return read(node, *context)
-        except _FaultError as fault:
-            self._faults.append(fault)
+            self._note(node, f'{what} {_shown(node)} {error}')
             return None
 
     def _note(self, where: yaml.Node, reason: str) -> None:
-        self._faults.append(_fault(where, reason))
+        self.faults.append(_fault(where, reason))
+
+
+def _number_in(node: yaml.Node) -> int | None:
+    """Return a kart's number, for messages about its other fields; None if it is unknown."""
+    for key, value in node.value if isinstance(node, yaml.MappingNode) else ():
+        if key.value == 'number':
+            with contextlib.suppress(ValueError):
+                return _whole(value)
+    return None
 
 
 _COMMENT = re.compile('[ \t]+#')
@@ -566,12 +507,6 @@ CUT = (
     "' #' begins a comment and cuts off the rest; put the text into quotes, or the comment on a "
     'line of its own'
 )
-
-
-def _name(node: yaml.Node, most: int) -> str:
-    """Return the name in a scalar; empty if it is not 1 to `most` printable characters."""
-    name = str(node.value).strip() if isinstance(node, yaml.ScalarNode) else ''
-    return name if name.isprintable() and len(name) <= most else ''
 
 
 def _is_text(scalar: str) -> bool:
@@ -590,6 +525,8 @@ def _not_yaml(line: int, reason: object) -> _FaultError:
 _FIELD = re.compile(r'(?P<indent> *(?:- +)?)(?P<name>[A-Za-z_]+):(?P<glued>[^\s]?)(?P<rest>.*)')
 """A line that begins with a field, with or without a space after the colon."""
 
+_NAMES = [each.name for kind in (Roster, RosterEntry, Heat) for each in dataclasses.fields(kind)]
+
 
 def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
     """Return the fault of a text that is not YAML, worded for its author."""
@@ -607,11 +544,7 @@ def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
     # Without a space after the colon, YAML sees no field, and then the next line does not fit.
     for number in range(at, max(at - 2, -1), -1):
         field = _FIELD.match(lines[number])
-        if (
-            field
-            and field['glued']
-            and field['name'] in (*_FIELDS, *_OPTIONAL, *_OF_A_HEAT, 'karts', 'heats')
-        ):
+        if field and field['glued'] and field['name'] in _NAMES:
             right = f'{field["name"]}: {field["glued"]}{field["rest"]}'.rstrip()
             return _FaultError(number + 1, f'has no space after the colon; write {right[:60]!r}')
     field, before = _FIELD.match(shown), _FIELD.match(lines[at - 1]) if at else None
