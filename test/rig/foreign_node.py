@@ -33,17 +33,13 @@ class Findings:
     """
     What a foreign node found.
 
-    :ivar nodes: the others', with their namespaces.
-    :ivar services: those of others, by their full names.
-    :ivar topics: those that others publish, or listen to.
+    :ivar seen: the nodes of others, their services, and the topics that they publish or listen to.
     :ivar answered: the calls that were answered.
     :ivar heard: the topics on which something came.
     :ivar after: when it found the first, since its start, seconds; None: nothing.
     """
 
-    nodes: list[str]
-    services: list[str]
-    topics: list[str]
+    seen: list[str]
     answered: list[str]
     heard: list[str]
     after: float | None
@@ -51,7 +47,7 @@ class Findings:
     @property
     def got_in(self) -> bool:
         """Return whether it found anything at all."""
-        return bool(self.nodes or self.services or self.topics or self.answered or self.heard)
+        return bool(self.seen or self.answered or self.heard)
 
 
 class ForeignNode:
@@ -123,9 +119,7 @@ def look_around(seconds: float) -> Findings:
     stop = node.create_publisher(Bool, '/kart_bridge/tsr', latched(1))
     race = node.create_publisher(msg.Race, '/rcs/race', latched(1))
     asked: set[str] = set()
-    nodes: set[str] = set()
-    services: set[str] = set()
-    topics: set[str] = set()
+    seen: set[str] = set()
     after = None
     while time.monotonic() < began + seconds:
         # In turns of their own: several hear each other, and would keep each other busy.
@@ -134,17 +128,17 @@ def look_around(seconds: float) -> Findings:
             rclpy.spin_once(node, timeout_sec=left)
         there = [each for each in node.get_node_names_and_namespaces() if of_others(each[0])]
         for name, namespace in there:
-            nodes.add(f'{namespace.rstrip("/")}/{name}')
+            seen.add(f'{namespace.rstrip("/")}/{name}')
             with contextlib.suppress(NodeNameNonExistentError):  # gone since
                 offered = node.get_service_names_and_types_by_node(name, namespace)
-                services |= {service for service, _ in offered}
+                seen |= {service for service, _ in offered}
         for topic in ('/rcs/race', '/rcs/events', '/kart_bridge/race_state', '/kart_bridge/tsr'):
             ends = (
                 *node.get_publishers_info_by_topic(topic),
                 *node.get_subscriptions_info_by_topic(topic),
             )
             if any(of_others(end.node_name) for end in ends):
-                topics.add(topic)
+                seen.add(topic)
         stop.publish(Bool(data=True))
         race.publish(msg.Race())
         for name, (client, request) in clients.items():
@@ -153,7 +147,7 @@ def look_around(seconds: float) -> Findings:
                 client.call_async(request).add_done_callback(
                     lambda _, name=name: answered.add(name)
                 )
-        if after is None and (nodes or services or topics or answered or heard):
+        if after is None and (seen or answered or heard):
             after = time.monotonic() - began
         # Services are found one by one: these two are looked for by name.
         if (
@@ -162,9 +156,7 @@ def look_around(seconds: float) -> Findings:
             and heard
         ):
             break
-    return Findings(
-        sorted(nodes), sorted(services), sorted(topics), sorted(answered), sorted(heard), after
-    )
+    return Findings(sorted(seen), sorted(answered), sorted(heard), after)
 
 
 def of_others(name: str) -> bool:

@@ -22,13 +22,14 @@ import html
 import ipaddress
 import os
 import pathlib
+import select
 import socket
 import struct
 import sys
 import tempfile
 import threading
 
-from evgp_node.network_cards import Card, cards
+from evgp_node.network_cards import Card, CardNews, cards
 from rclpy.utilities import get_rmw_implementation_identifier
 
 INTERFACE = 'EVGP_GRAPH_INTERFACE'
@@ -233,21 +234,21 @@ def fence_graph() -> None:
     if named and named not in _followed:
         _followed.add(named)
         # Create this socket here, because it belongs to the network of the thread that creates it.
-        news = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW)
-        news.bind((0, _ADDRESSES_OF_INTERFACES))
-        threading.Thread(target=_follow, args=(named, news), name='fence', daemon=True).start()
+        threading.Thread(
+            target=_follow, args=(named, CardNews()), name='fence', daemon=True
+        ).start()
 
 
 _followed: set[str] = set()
 
 
-def _follow(named: str, news: socket.socket) -> None:
-    """Renew the fence whenever an address of this machine comes or goes."""
+def _follow(named: str, news: CardNews) -> None:
+    """Renew the fence whenever an interface or an address of this machine comes or goes."""
     while True:
         with contextlib.suppress(OSError):  # the address is gone again
             _fence(named)
-        with contextlib.suppress(OSError):  # after an overflow, look again
-            news.recv(65536)
+        select.select([news.file], [], [])
+        news.gone()
 
 
 def _fence(named: str) -> None:
@@ -513,7 +514,6 @@ _DESCRIPTORS = pathlib.Path('/proc/self/fd')
 _NETWORK = pathlib.Path('/proc/thread-self/net')
 _SO_ATTACH_FILTER = _SO_GET_FILTER = 26
 _SO_TIMESTAMPNS = 35
-_ADDRESSES_OF_INTERFACES = 0x10  # RTMGRP_IPV4_IFADDR
 _LOAD_INTERFACE = (0x20, 0, 0, 0xFFFFF000 + 8)  # BPF_LD | BPF_W | BPF_ABS, SKF_AD_IFINDEX
 _JUMP_IF_EQUAL = 0x15  # BPF_JMP | BPF_JEQ | BPF_K
 _RETURN = 0x06  # BPF_RET | BPF_K

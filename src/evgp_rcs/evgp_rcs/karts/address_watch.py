@@ -22,6 +22,7 @@ import contextlib
 import ctypes
 import errno
 import ipaddress
+import math
 import os
 import re
 import select
@@ -100,6 +101,11 @@ class Question(NamedTuple):
     address: str
     card: Card
 
+    @property
+    def can_be_asked(self) -> bool:
+        """Return whether the interface takes ARP packets now."""
+        return self.card.plugged and len(self.card.hardware) == len('00:00:00:00:00:00')
+
 
 def packet(hardware: str, sender: str, address: str) -> bytes:
     """
@@ -134,7 +140,7 @@ def to_be_asked(host: str, karts: Iterable[str], there: Sequence[Card]) -> tuple
     """
     known = [ipaddress.IPv4Address(each) for each in karts]
     return tuple(
-        Question(str(own.ip), card)
+        Question(str(own.ip), card._replace(addresses=()))
         for card in there
         for own in card.addresses
         if card.name != LOOPBACK_CARD and not own.ip.is_loopback
@@ -154,13 +160,12 @@ class Lookout:
 
     def __init__(self, asks: Callable[[Sequence[Card]], Sequence[Question]]) -> None:
         self._asks = asks
-        self._asked: dict[tuple[str, str], Question] = {}
-        self._since: dict[tuple[str, str], float] = {}
-        self._times: dict[tuple[str, str], int] = {}
+        self._asked: dict[Question, float] = {}  # since when, in seconds
+        self._looked_at = -math.inf
         self._lost: dict[str, str] = {}
         self._own: frozenset[str] = frozenset()
-        self._hidden = ''
         self._owned: frozenset[str] = frozenset()
+        self._hidden = ''
 
     @property
     def cut_off(self) -> str:
@@ -174,13 +179,14 @@ class Lookout:
     @property
     def not_known(self) -> str:
         """Return why it is unknown whether another machine has the address; empty if known."""
-        for address, card in self._asked.values():
+        for question in self._asked:
+            address, card = question
             if not card.plugged:
                 return (
                     f'{card.name} is down or has no cable, so race control cannot ask there who '
                     f'has {address}'
                 )
-            if not _takes_arp(card):
+            if not question.can_be_asked:
                 return f'race control cannot ask by ARP at {card.name} who has {address}'
         if not self._asked:
             return 'no network interface has an address at which race control listens'
@@ -189,7 +195,7 @@ class Lookout:
     @property
     def asked(self) -> list[Question]:
         """Return the questions that can be asked now."""
-        return [each for each in self._asked.values() if _takes_arp(each.card)]
+        return [each for each in self._asked if each.can_be_asked]
 
     def see(self, there: Sequence[Card], gone: Iterable[str], now: float) -> None:
         """
@@ -203,39 +209,41 @@ class Lookout:
         # ago may arrive at another of its interfaces now.
         own = frozenset(each.hardware for each in there if each.name != LOOPBACK_CARD)
         self._own, self._owned = own, self._own
-        names = {each.name: each for each in there}
-        asked = {(each.address, each.card.name): each for each in self._asks(there)}
-        for key, (address, before) in self._asked.items():
-            after = names.get(before.name)
-            same = after is not None and _is_same(before, after) and after.has(address)
-            if before.plugged and (address in gone or not same):
-                self._since.pop(key, None)
-                self._lost[address] = _what_is_lost(address, before.name, after)
-        self._asked = asked
-        for key, (_, card) in asked.items():
-            if not _takes_arp(card):
-                self._since.pop(key, None)
-            elif key not in self._since:
-                self._since[key], self._times[key] = now, 0
-        for address in list(self._lost):
-            since = [self._since[key] for key in asked if key[0] == address and key in self._since]
-            if any(now - each >= HEARD_WITHIN for each in since):
-                del self._lost[address]
+        kept = {
+            (str(own.ip), card._replace(addresses=()))
+            for card in there
+            for own in card.addresses
+            if str(own.ip) not in gone
+        }
+        for question in self._asked:
+            if question.card.plugged and question not in kept:
+                self._lost[question.address] = _what_is_lost(question, there)
+        self._asked = {
+            each: self._asked.get(each, now) if each in kept else now for each in self._asks(there)
+        }
+        for question in self.asked:
+            if now - self._asked[question] >= HEARD_WITHIN:
+                self._lost.pop(question.address, None)
 
     def due(self, now: float) -> list[tuple[Question, bool]]:
-        """Return the questions to ask now, each with whether to announce the address as well."""
-        found = []
-        for key, since in self._since.items():
-            if now - since >= self._times[key] * ASK_EVERY and key in self._asked:
-                # The watch does not make up for questions that it missed.
-                times = self._times[key] = int((now - since) / ASK_EVERY) + 1
-                announce = 0 < times - HEARD_WITHIN / ASK_EVERY <= ANNOUNCEMENTS
-                found.append((self._asked[key], announce))
-        return found
+        """
+        Return the questions to ask now, each with whether to announce the address as well.
+
+        The watch does not make up for questions that it missed.
+        """
+        before, self._looked_at = self._looked_at, now
+        return [
+            (question, 0.0 <= now - since - HEARD_WITHIN < ANNOUNCEMENTS * ASK_EVERY)
+            for question, since in self._asked.items()
+            if question.can_be_asked
+            and (now - since) // ASK_EVERY != (before - since) // ASK_EVERY
+        ]
 
     def hear(self, claim: Claim) -> str:
         """Return a sentence about the other machine that made a claim; empty if this one did."""
-        if (claim.address, claim.interface) not in self._asked:
+        if (claim.address, claim.interface) not in [
+            (each.address, each.card.name) for each in self._asked
+        ]:
             return ''
         if claim.hardware not in self._own | self._owned:
             return (
@@ -250,21 +258,14 @@ class Lookout:
         return ''
 
 
-def _takes_arp(card: Card) -> bool:
-    return card.plugged and len(card.hardware) == len('00:00:00:00:00:00')
-
-
-def _is_same(before: Card, after: Card) -> bool:
-    """Return whether an interface has kept its cable since the previous check."""
-    return before._replace(addresses=()) == after._replace(addresses=())
-
-
-def _what_is_lost(address: str, name: str, card: Card | None) -> str:
+def _what_is_lost(question: Question, there: Sequence[Card]) -> str:
+    address, before = question
+    card = next((each for each in there if each.name == before.name), None)
     if card is None:
-        return f'the interface {name} is gone'
+        return f'the interface {before.name} is gone'
     if not card.has(address):
-        return f'{name} no longer has the address {address}'
-    return f'{name} has lost its cable or its WLAN'
+        return f'{card.name} no longer has the address {address}'
+    return f'{card.name} has lost its cable or its WLAN'
 
 
 # ----- asking ---------------------------------------------------------------------------------
