@@ -8,13 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable
 import contextlib
 import pathlib
-import socket
 from typing import Any
 
 from evgp_kart_bridge import node as bridge
 from evgp_node.parameter_files import ignored
 from evgp_node.parameters import ParameterError, StrictNode
-from evgp_node.process import IN_THE_WAY, WRONG_SETTING
+from evgp_node.process import WRONG_SETTING
 from evgp_rcs.ros import settings
 from evgp_rcs_console import button
 from evgp_testing import race_control
@@ -32,20 +31,13 @@ ROSTER = 'karts: [{number: 1, team: One, address: 127.0.1.1, in_race: true}]'
 @pytest.fixture
 def refusal(parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path) -> Refusal:
     """Return a function that starts race control and returns what it said when it refused."""
-    good = tmp_path / 'good.yaml'
-    good.write_text(ROSTER, encoding='utf-8')
 
-    def start(
-        *arguments: str,
-        roster_text: str | None = None,
-        code: int = WRONG_SETTING,
-        **parameters: object,
-    ) -> str:
-        if roster_text is not None:
-            good.write_text(roster_text, encoding='utf-8')
-        given = {**race_control.settings(tmp_path, good), **parameters}
+    def start(*arguments: str, roster_text: str = ROSTER) -> str:
+        roster = tmp_path / 'karts.yaml'
+        roster.write_text(roster_text, encoding='utf-8')
+        given = race_control.settings(tmp_path, roster)
         control = parts.enter_context(Process('evgp_rcs', 'rcs_node', domain, given, arguments))
-        assert control.wait() == code, control.output
+        assert control.wait() == WRONG_SETTING, control.output
         assert 'Traceback' not in control.output
         return control.output
 
@@ -57,8 +49,8 @@ TWO_FAULTS = 'karts:\n  - {number: 0, team: One, address: 1, in_race: true}\nhea
 
 def test_a_wrong_roster_is_refused_with_each_of_its_faults(refusal: Refusal) -> None:
     refused = refusal(roster_text=TWO_FAULTS)
-    assert 'good.yaml:2:' in refused
-    assert 'good.yaml:3:' in refused
+    assert 'karts.yaml:2:' in refused
+    assert 'karts.yaml:3:' in refused
 
 
 @pytest.mark.parametrize(
@@ -184,14 +176,10 @@ def test_a_parameter_file_that_only_ros_could_read_is_named_in_a_sentence(
 
 
 def test_what_ros_would_ignore_in_a_parameter_file_is_refused(
-    refusal: Refusal, tmp_path: pathlib.Path
+    domain: int, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / 'rcs.yaml'
     path.write_text('rcs_node:\n  ros__parameters: {pause: 2.0}\n', encoding='utf-8')
-    assert f'{path}:1: ' in refusal('--params-file', str(path))
-
-
-def test_a_port_in_use_says_so_and_may_be_free_later(refusal: Refusal) -> None:
-    with socket.create_server(('127.0.0.1', 0)) as taken:
-        said = refusal(port=taken.getsockname()[1], code=IN_THE_WAY)
-    assert 'address already in use' in said
+    monkeypatch.setattr('sys.argv', ['rcs_node', '--params-file', str(path)])
+    with joined(domain) as context, pytest.raises(ParameterError, match=f'^{path}:1: '):
+        settings.read_settings(StrictNode('rcs', context=context))

@@ -229,7 +229,7 @@ def test_an_end_of_the_ros_half_means_red_red_and_what_happened_is_on_the_disk(
 def test_a_port_in_use_is_refused_and_leaves_no_doubt_behind(half: Half, begin: Begin) -> None:
     with socket.create_server(('127.0.0.1', begin.settings.port)):
         half.say(dataclasses.replace(begin, cannot_know='no cable'))
-        half.wait_for(Refused)
+        assert 'address already in use' in half.wait_for(Refused).text
         assert half.process.wait(TIMEOUT) == 2
     again = Half()
     with contextlib.closing(again):

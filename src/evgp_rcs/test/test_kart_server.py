@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterator
 import concurrent.futures
 import contextlib
 import queue
-import resource
 import socket
 import threading
 import time
 from typing import Any
 
+from evgp_node.roster import MOST_ENTRIES
 from evgp_protocol import clock
 from evgp_protocol.frames import encode
 from evgp_protocol.link import Grade, unread
@@ -302,19 +302,8 @@ def test_two_programs_that_push_each_other_out_raise_one_alert_and_few_events(
     assert len(told) < 80  # of the 120 and more that these connections cause
 
 
-@pytest.fixture
-def many_files() -> Iterator[None]:
-    """Have this process open as many files as it may."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
-    yield
-    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-
-
-def test_no_kart_is_left_out_that_connects_while_race_control_is_busy(
-    run: Run, many_files: None
-) -> None:
-    running = run(NO_BEAT, karts=1100)
+def test_no_kart_is_left_out_that_connects_while_race_control_is_busy(run: Run) -> None:
+    running = run(NO_BEAT, karts=MOST_ENTRIES)
     all_there = threading.Event()
 
     def be_busy(event: Event) -> None:
