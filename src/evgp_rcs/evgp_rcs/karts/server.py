@@ -311,10 +311,8 @@ class KartServer:
         error = context.get('exception')
         if isinstance(error, OSError) and str(context.get('message')).startswith('socket.accept'):
             # No file descriptor is left. The race continues, and asyncio tries again in a second.
-            now = self.now()
-            if self._refusals.take(now):
-                text = f'Race control cannot accept another connection now: {in_words(error)}'
-                self._publish(Event(EventKind.REFUSED_CONNECTION, text, success=False), at=now)
+            text = f'Race control cannot accept another connection now: {in_words(error)}'
+            self._publish_refusal(text, self._refusals)
             return
         self.end(
             error
@@ -514,26 +512,19 @@ class KartServer:
         now = self.now()
         if number is None:
             link.drop('its address is not in the roster')
-            if self._refusals.take(now):
-                text = (
-                    f'A connection from {address} was refused: no kart in the roster has that '
-                    f'address{self._refusals.mention()}'
-                )
-                self._publish(Event(EventKind.REFUSED_CONNECTION, text, success=False), at=now)
+            why = 'no kart in the roster has that address'
+            self._publish_refusal(
+                f'A connection from {address} was refused: {why}', self._refusals
+            )
             return
         if self._closing.is_set():
             link.farewell()
             return
         if not self._connections[number].take(now):
             link.drop('it connects too often')
-            allowance = self._too_often[number]
-            if allowance.take(now):
-                text = (
-                    f'A connection from {self._race.karts[number]} was refused: it connects too '
-                    f'often{allowance.mention()}'
-                )
-                event = Event(EventKind.REFUSED_CONNECTION, text, kart=number, success=False)
-                self._publish(event, at=now)
+            kart = self._race.karts[number]
+            text = f'A connection from {kart} was refused: it connects too often'
+            self._publish_refusal(text, self._too_often[number], number)
             return
         old = self._links.pop(number, None)
         # It is not a takeover if the kart lost its link and connects again before race control
@@ -548,6 +539,14 @@ class KartServer:
         if is_pushed_out:
             self._takeovers[number].append(now)
             self._check_contest(number, now)
+
+    def _publish_refusal(self, text: str, allowance: _Allowance, kart: int = 0) -> None:
+        """Publish that a connection was refused, as often as this peer may cause it."""
+        now = self.now()
+        if allowance.take(now):
+            text += allowance.mention()
+            event = Event(EventKind.REFUSED_CONNECTION, text, kart=kart, success=False)
+            self._publish(event, at=now)
 
     def _check_contest(self, number: int, now: float) -> None:
         """Report to the rules when two programs begin or stop contesting a kart."""
