@@ -718,26 +718,36 @@ def test_the_examples_drive_a_race_and_stop_when_the_real_race_control_hangs(
     control.thaw()
 
 
+@pytest.mark.parametrize('text', ['waits', 'has no reader', 'has nowhere to go'])
 @pytest.mark.parametrize('example', ['posix.c', 'example.py'])
-def test_a_terminal_that_takes_no_more_text_delays_no_stop(
-    example: str, command_of: Callable[[str], tuple[str, ...]], parts: contextlib.ExitStack
+def test_text_that_nobody_takes_delays_no_stop_ends_no_kart_and_reaches_no_race_control(
+    example: str,
+    text: str,
+    command_of: Callable[[str], tuple[str, ...]],
+    parts: contextlib.ExitStack,
 ) -> None:
     control = BareRaceControl()
     there, terminal = os.pipe()
-    parts.callback(os.close, there)
     parts.callback(os.close, terminal)
     command = [*command_of(example), str(control.port), address_of(1)]
+    if text == 'has nowhere to go':
+        command = ['sh', '-c', 'exec "$0" "$@" >&- 2>&-', *command]
     kart = parts.enter_context(subprocess.Popen(command, stdout=terminal, stderr=terminal))
     parts.callback(kart.kill)
     control.wait_for_connections(1)
     control.exchange(GRID)
-    os.set_blocking(terminal, False)
-    with contextlib.suppress(BlockingIOError):
-        while True:
-            os.write(terminal, bytes(4096))
-    os.set_blocking(terminal, True)  # from now on, whatever is printed waits
+    if text == 'has no reader':
+        os.close(there)
+    else:
+        parts.callback(os.close, there)
+        os.set_blocking(terminal, False)
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                os.write(terminal, bytes(4096))
+        os.set_blocking(terminal, True)  # from now on, whatever is printed waits
     for state in (GREEN, RED, GRID, GREEN):
         control.exchange(state)
+    assert control.malformed == 0
     control.close()
     time.sleep(1.0)  # so that an attempt to connect has failed
     listening = socket.create_server(('127.0.0.1', control.port))

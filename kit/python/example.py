@@ -127,6 +127,8 @@ def main(drive: Callable[[RaceState, bool], bool] = drive) -> None:
     host, port, own = (*sys.argv[1:], '', '')[:3]
     for address in filter(None, (host, own)):
         ipaddress.IPv4Address(address)  # the loop would wait while a name is looked up
+    if sys.stdout is None:  # closed
+        sys.stdout = open(os.devnull, 'w')  # noqa: PTH123, SIM115
     kart = Kart()
     link = Connection(kart, (host, int(port or DEFAULT_PORT)), own)
     printed = ''
@@ -142,7 +144,8 @@ def main(drive: Callable[[RaceState, bool], bool] = drive) -> None:
         # Ask a terminal that takes no text now again: a kart that waits for it does not stop.
         if text != printed and select.select([], [sys.stdout], [], 0)[1]:
             printed = text
-            print(text, flush=True)
+            with contextlib.suppress(OSError):  # nobody reads it any more
+                print(text, flush=True)
 
 
 if __name__ == '__main__':

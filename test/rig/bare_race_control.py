@@ -23,7 +23,8 @@ class BareRaceControl(Part):
     """
     A socket that sends one state again and again to the kart that connected last.
 
-    ``said`` is what the kart said last on its present connection.
+    ``said`` is what the kart said last on its present connection, and ``malformed`` how much that
+    it said was no frame.
 
     :param listening: where karts connect; None: at a port of 127.0.0.1 that the system chooses.
     :param heard: called in another thread with each state that the kart says, as it comes.
@@ -36,6 +37,7 @@ class BareRaceControl(Part):
     ) -> None:
         """Listen and beat; IN_GARAGE until told otherwise."""
         self.said: RaceState | None = None
+        self.malformed = 0
         self._heard = heard
         self._state = RaceState.IN_GARAGE
         self._beating = True
@@ -160,7 +162,9 @@ class BareRaceControl(Part):
                     return
                 if not data:
                     return
-                heard = [each for each in decoder.feed(data) if isinstance(each, StateFrame)]
+                frames = decoder.feed(data)
+                heard = [each for each in frames if isinstance(each, StateFrame)]
+                self.malformed += len(frames) - len(heard)
                 for each in heard:
                     self._heard(each.state)
                 with self._news:

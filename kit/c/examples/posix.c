@@ -171,6 +171,7 @@ int main(int argc, char **argv)
                                            join, connect_it, take,  say,   hang_up};
     evgp_board board;
     evgp_verdict printed;
+    int file;
     has_own = argc > 3;
     if (argc < 2 || argc > 4 ||
         !read_address(argv[1], argc > 2 ? argv[2] : "12017", &race_control) ||
@@ -180,6 +181,10 @@ int main(int argc, char **argv)
     }
     signal(SIGINT, end);
     signal(SIGTERM, end);
+    signal(SIGPIPE, SIG_IGN); /* nobody reads the text any more */
+    while ((file = open("/dev/null", O_RDWR)) >= 0 && file <= STDERR_FILENO) {
+        /* it takes the place of a standard stream that is closed: the connection must not */
+    }
     evgp_board_begin(&board, &hardware, evgp_default_settings());
     memset(&printed, 0, sizeof printed);
 
