@@ -467,15 +467,11 @@ def test_two_bridges_on_one_domain_stop_both_karts(
     first = start_bridge()
     second = parts.enter_context(Bridge(first.domain, free_port(), address_of(2)))
     for bridge in (first, second):
-        bridge.wait_for_line(f'another bridge runs in ROS domain {first.domain}: stop one')
+        bridge.wait_for_line(f'another bridge runs in ROS domain {first.domain}, stop one')
 
 
 def offer(kind: type, service: str) -> Callable[[RosSide], object]:
     return lambda side: side.node.create_service(kind, f'/kart_bridge/{service}', lambda _, a: a)
-
-
-TWO_REMOTES = 'more than one publisher of ~/tsr or of ~/msr'
-TWO_LOCKS = 'another node publishes ~/stop or ~/state'
 
 
 def test_a_second_node_in_a_role_of_the_kart_stops_it_until_it_has_left(
@@ -495,13 +491,14 @@ def test_a_second_node_in_a_role_of_the_kart_stops_it_until_it_has_left(
     check(publish(String, 'tsr', 10), 'does not publish std_msgs/Bool: /second')
     race.team.remote(False)
     race.team.drive_at(0.0)
+    several = 'more than one publisher of ~/'
     for act, reason in (
-        (publish(Bool, 'tsr', latched(1)), TWO_REMOTES),
-        (publish(Bool, 'msr', 10), TWO_REMOTES),  # says closed
-        (publish(Float64, 'msr', 10, Float64(data=float('nan'))), TWO_REMOTES),
-        (publish(Bool, 'stop', latched(1)), TWO_LOCKS),
-        (publish(String, 'state', 1), TWO_LOCKS),
-        (publish(Odometry, 'odom', 10), 'more than one publisher of odometry: /second, /team'),
+        (publish(Bool, 'tsr', latched(1)), f'{several}tsr: /second, /team'),
+        (publish(Bool, 'msr', 10), f'{several}msr: /contact, /second'),  # says closed
+        (publish(Float64, 'msr', 10, Float64(data=float('nan'))), f'{several}msr'),
+        (publish(Bool, 'stop', latched(1)), f'{several}stop: /kart_bridge, /second'),
+        (publish(String, 'state', 1), f'{several}state'),
+        (publish(Odometry, 'odom', 10), f'{several}odom: /second, /team'),
         (offer(Acknowledge, 'acknowledge'), 'another node offers ~/acknowledge'),
         (offer(SetBool, 'team_stop'), 'another node offers ~/team_stop'),
     ):
@@ -515,7 +512,7 @@ def test_a_second_node_in_a_role_of_the_kart_stops_it_until_it_has_left(
                 lambda count=count: race.bridge.output.count(f'A {lost}') == count, remote
             )
     told = race.team.wait_for(
-        lambda state: lost in state.reason and TWO_REMOTES not in state.reason, lost
+        lambda state: lost in state.reason and several not in state.reason, lost
     )
     assert (told.team_stop, state_of(told.state)) == (True, RED_RED)
 
@@ -574,7 +571,7 @@ def test_no_red_is_acknowledged_while_two_publish_odometry_whom_the_bridge_names
     race.green()
     race.team.drive_at(3.0)
     base = parts.enter_context(DeadBase(race.bridge.domain))
-    said = 'more than one publisher of odometry: /dead_base, /team'
+    said = 'more than one publisher of ~/odom: /dead_base, /team'
     race.bridge.wait_for_line(said)
     race.official.command('all_kill')
     race.team.wait_for(lambda told: state_of(told.commanded) is RED_RED, 'the stop')

@@ -12,6 +12,7 @@ link.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import concurrent.futures
 import dataclasses
 import math
@@ -48,6 +49,7 @@ from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Bool, ColorRGBA, String
 from std_srvs.srv import SetBool
 
@@ -123,6 +125,14 @@ _ENDED = Verdict(
 )
 
 
+ONE_PUBLISHER = ('~/race_state', '~/stop', '~/state', *REMOTES.values(), '~/odom')
+"""The topics that may have only one publisher."""
+
+ONE_SERVER = ('~/acknowledge', '~/team_stop')
+"""The services that may have only one server: another one may accept without doing anything."""
+
+UNRELIABLE = 'a publisher of ~/tsr or ~/msr is not RELIABLE; correct it and restart the bridge'
+
 _NUMBERS = ', '.join(f'{state_message(each).state} {each.value}' for each in RaceState)
 
 
@@ -132,6 +142,18 @@ def _to_paste(verdict: Verdict) -> str:
         return f'there is nothing to acknowledge: {verdict.reason}'
     done = f'order: {verdict.order}, reached: {{state: {state_message(verdict.reached).state}}}'
     return f'once the kart has reached that state, send {{{done}}}'
+
+
+def _names_of(publishers: Sequence[TopicEndpointInfo]) -> str:
+    """Return the full names of the nodes of these publishers, separated by commas."""
+    return ', '.join(
+        sorted(
+            'a node whose name is not known yet'
+            if each.node_name.startswith('_NODE')  # rmw: _NODE_NAME_UNKNOWN_
+            else f'{each.node_namespace.rstrip("/")}/{each.node_name}'
+            for each in publishers
+        )
+    )
 
 
 class Lasting:
@@ -202,28 +224,18 @@ class KartBridge(StrictNode):
         # timers by the wall clock.
         self._ask_to_look = self.create_guard_condition(self._look_around)
         self._malformed = 0
-        # Each of these topics may have only one publisher, and each of these services one server.
-        topics = {
-            **dict.fromkeys(REMOTES.values(), StopSource.TWO_REMOTES),
-            '~/race_state': StopSource.TWO_BRIDGES,
-            **dict.fromkeys(('~/stop', '~/state'), StopSource.TWO_LOCKS),
-            '~/odom': StopSource.TWO_ODOMETRIES,
-        }
-        services = {
-            '~/acknowledge': StopSource.TWO_ANSWERERS,
-            '~/team_stop': StopSource.TWO_STOPPERS,
-        }
-        self._one_publisher = {self.resolve_topic_name(name): key for name, key in topics.items()}
-        self._one_server = {self.resolve_service_name(name): key for name, key in services.items()}
+        self._one_publisher = {name: self.resolve_topic_name(name) for name in ONE_PUBLISHER}
+        self._one_server = {name: self.resolve_service_name(name) for name in ONE_SERVER}
         if not hasattr(self, 'count_services'):  # missing in ROS 2 Humble
             self._one_server = {}
-        self._seen_double: dict[StopSource, str] = {}  # with the names of the nodes, if known
+        self._unreliable = False  # a publisher of a remote is not RELIABLE, or was not
+        self._doubts = {StopSource.GRAPH: '', StopSource.ODOMETRIES: ''}
         # The number is random, so that a number from an earlier bridge does not match an order
         # from this one. The time would not work, because the clock of a computer without a battery
         # reads the same time at each boot.
         first_order = random.SystemRandom().randint(1, MOST_FIRST_ORDER)
         self._identity = first_order  # which no other bridge has
-        names = Names(self._peer, self._odometry_topic, self._graph)
+        names = Names(self._peer, self._odometry_topic)
         # The link owns the arbiter. This class only reads it, in the link's thread.
         self._arbiter = arbiter = Arbiter(settings, first_order, names)
         if not (settings.odometry_required or settings.auto_acknowledge_stop):
@@ -279,12 +291,13 @@ class KartBridge(StrictNode):
         given = self._link.give(take)
         try:
             reaction = given.result(LINK_ANSWER_TIMEOUT)
-            answer, verdict = reaction.answer, reaction.verdict
-            if answer is None:  # someone called the service by hand, without a number
+            verdict, refusal = reaction.verdict, reaction.refusal
+            if state is None or not order:  # someone called the service by hand, without a number
                 response.message = _to_paste(verdict)
                 return response
-            response.success, response.message = answer.accepted, answer.message
-            if not answer.accepted and verdict.commanded not in (None, state):
+            response.success = not refusal
+            response.message = refusal or f'{state.value} is acknowledged'
+            if refusal and verdict.commanded not in (None, state):
                 response.message += f'. `reached.state` must be one of {_NUMBERS}'
         except (LinkClosedError, concurrent.futures.TimeoutError) as error:
             response.message = self._unanswered(error)
@@ -318,52 +331,44 @@ class KartBridge(StrictNode):
             'A publisher of ~/tsr or ~/msr is not RELIABLE, so its stops could get lost. The kart '
             'stops. Publish with reliable QoS, and restart the bridge'
         )
-        self._link.give(lambda arbiter, now: arbiter.team_stop(StopSource.UNRELIABLE, True, now))
+        self._unreliable = True
+        self._look_around()
 
     def _look_around(self) -> None:
         """
-        Stop the kart while two nodes have one role, or a remote publishes what cannot be read.
+        Stop the kart while two nodes have one role, or a remote cannot be heard for certain.
 
         Also report that the team can be heard.
         """
-        seen: dict[StopSource, str] = {}
-        for name, key in self._one_publisher.items():
-            count = self.count_publishers(name)
-            if count > 1:
-                seen[key] = self._who_publishes(name)
-            elif count and key is StopSource.TWO_REMOTES and not self._is_readable(name):
-                seen[StopSource.UNREADABLE] = self._who_publishes(name)
-        for name, key in self._one_server.items():
-            if self.count_services(name) > 1:
-                seen[key] = ''
-        for source in {*seen, *self._seen_double}:
-            who = seen.get(source)
-            if who != self._seen_double.get(source):
+        doubts: dict[StopSource, list[str]] = {
+            StopSource.GRAPH: [UNRELIABLE] if self._unreliable else [],
+            StopSource.ODOMETRIES: [],
+        }
+        for name, topic in self._one_publisher.items():
+            found, wrong = self.get_publishers_info_by_topic(topic), ''
+            if len(found) > 1 and name == '~/race_state':
+                wrong = f'another bridge runs in {self._graph}, stop one of them'
+            elif len(found) > 1:
+                wrong = f'more than one publisher of {name}'
+            elif found and name in REMOTES.values() and found[0].topic_type != REMOTE_TYPE:
+                wrong = f'the publisher of {name} does not publish std_msgs/Bool'
+            if wrong:
+                source = StopSource.ODOMETRIES if name == '~/odom' else StopSource.GRAPH
+                doubts[source].append(f'{wrong}: {_names_of(found)}')
+        for name, service in self._one_server.items():
+            if self.count_services(service) > 1:
+                doubts[StopSource.GRAPH].append(f'another node offers {name}')
+        for source, texts in doubts.items():
+            why = ', '.join(texts)
+            if why != self._doubts[source]:
+                self._doubts[source] = why
                 self._link.give(
-                    lambda arbiter, now, source=source, who=who: arbiter.team_stop(
-                        source, who is not None, now, who or ''
+                    lambda arbiter, now, source=source, why=why: arbiter.team_stop(
+                        source, bool(why), now, why
                     )
                 )
-        self._seen_double = seen
         self._look_for_readers()
         self._link.give(Arbiter.team_heard)
-
-    def _is_readable(self, remote: str) -> bool:
-        """Return whether what is published on a remote's topic has the right type."""
-        found = self.get_publishers_info_by_topic(remote)
-        return all(each.topic_type == REMOTE_TYPE for each in found)
-
-    def _who_publishes(self, topic: str) -> str:
-        """Return the full names of the nodes that publish a topic, separated by commas."""
-        found = self.get_publishers_info_by_topic(topic)
-        return ', '.join(
-            sorted(
-                'a node whose name is not known yet'
-                if each.node_name.startswith('_NODE')  # rmw: _NODE_NAME_UNKNOWN_
-                else f'{each.node_namespace.rstrip("/")}/{each.node_name}'
-                for each in found
-            )
-        )
 
     def _is_read(self) -> bool:
         """Return whether a node subscribes to a topic with the race state."""
@@ -409,18 +414,7 @@ class KartBridge(StrictNode):
             self._odometry_at = now  # only the link's thread uses this
             return arbiter.speed(speed, now)
 
-        given = self._link.give(take)
-        given.add_done_callback(self._warn_of_odometry)
-
-    def _warn_of_odometry(self, given: concurrent.futures.Future[Reaction]) -> None:
-        """Log what prevents a stop from being acknowledged, even if no stack has tried it."""
-        if given.exception() is not None or not given.result().hindrance:
-            return
-        self.get_logger().warning(
-            f'The stop is not acknowledged yet: {given.result().hindrance}',
-            throttle_duration_sec=5.0,
-            throttle_time_source_type=self._steady,
-        )
+        self._link.give(take)
 
     # ----- output to the team, in the link's thread ---------------------------------------
 
@@ -511,13 +505,23 @@ class KartBridge(StrictNode):
             self.get_logger().info(f'Odometry received on {self._odometry_topic}')
 
     def _log_unacknowledged(self, verdict: Verdict) -> None:
-        """If only the acknowledgement of an order is missing, log this once for that order."""
-        awaited = self._arbiter.awaited
-        lasts = self._unacknowledged.is_due(awaited and verdict.order, clock.now())
-        if lasts and awaited is not None:
-            does = 'drives' if awaited is RaceState.GREEN_GREEN else 'stands still'
+        """Log what prevents a stop from being acknowledged, or that only the stack has not."""
+        state, hindrance = self._arbiter.awaited or (None, '')
+        lasts = self._unacknowledged.is_due(
+            state is not None and not hindrance and verdict.order, clock.now()
+        )
+        if state is None:
+            return
+        if hindrance and state.is_red and not self._arbiter.missing_odometry:
             self.get_logger().warning(
-                f'{awaited.value} has not been acknowledged for {UNACKNOWLEDGED:g} s, although '
+                f'The stop is not acknowledged yet: {hindrance}',
+                throttle_duration_sec=5.0,
+                throttle_time_source_type=self._steady,
+            )
+        elif lasts:
+            does = 'drives' if state is RaceState.GREEN_GREEN else 'stands still'
+            self.get_logger().warning(
+                f'{state.value} has not been acknowledged for {UNACKNOWLEDGED:g} s, although '
                 f'nothing prevents it. Once the kart {does}, its stack must call '
                 f'{self.resolve_service_name("~/acknowledge")}'
             )

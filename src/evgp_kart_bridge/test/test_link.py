@@ -161,12 +161,8 @@ def test_an_accepted_acknowledgement_goes_out_and_a_refused_one_does_not(
     connection = race_control.accept()
     connection.sendall(encode(GRID_ACTIVE))
     running.wait_for_state(GRID_ACTIVE)
-    refused = running.acknowledge(RED_RED).answer
-    assert refused is not None
-    assert not refused.accepted
-    accepted = running.acknowledge(GRID_ACTIVE).answer
-    assert accepted is not None
-    assert accepted.accepted
+    assert running.acknowledge(RED_RED).refusal
+    assert not running.acknowledge(GRID_ACTIVE).refusal
     assert connection.recv(1024) == encode(GRID_ACTIVE)
 
 

@@ -26,8 +26,8 @@ facts:
   after a team stop.
 * *team stop*: any stop that begins on the kart. It comes from the service; from the team's safety
   remote or the MSR's contact, by a message or by silence (``tsr_timeout``, ``msr_timeout``); from
-  two nodes where only one is allowed; or from a bridge that would not hear its team's stop
-  (``team_timeout``).
+  a doubt about the kart's nodes, such as two where only one is allowed; or from a bridge that
+  would not hear its team's stop (``team_timeout``).
 * *armed*: the kart would obey GREEN_GREEN. Only this table sets or clears it:
 
   ================================================= =============================
@@ -71,39 +71,19 @@ _OUT = 'the kart stopped itself after it acknowledged GRID_ACTIVE, and needs a n
 
 
 class StopSource(enum.Enum):
-    """The source of a team stop (§2.B, §2.C). Each source must release its own stop."""
+    """
+    The source of a team stop (§2.B, §2.C). Each source must release its own stop.
 
-    SERVICE = 'service'
-    TSR = 'tsr'  # the team's safety remote
-    MSR = 'msr'  # the contact of the officials' remote is open: the remote cut the motor power
-    TEAM = 'team'  # the bridge's executor hangs, so it would not hear a stop either
-    UNRELIABLE = 'unreliable'  # a remote's messages could get lost; only a restart releases it
-    UNREADABLE = 'unreadable'  # a remote's messages are of another type, so none arrives
-    TWO_REMOTES = 'two remotes'  # one may say stop and the other go
-    TWO_BRIDGES = 'two bridges'  # the stack may listen to the wrong one
-    TWO_LOCKS = 'two locks'  # the motors may listen to the wrong one
-    TWO_ODOMETRIES = 'two odometries'  # one may stand still while the other moves
-    TWO_ANSWERERS = 'two answerers'  # one may accept an acknowledgement that is never sent
-    TWO_STOPPERS = 'two stoppers'  # one may accept a stop without stopping the kart
+    The value is the reason that people read when the source stops the kart.
+    """
 
+    SERVICE = 'requested by service'
+    TSR = 'the safety remote says stop'
+    MSR = "the MSR's contact is open"
+    TEAM = "the bridge does not receive its team's messages"
+    GRAPH = 'two nodes have one role, or a remote cannot be heard'
+    ODOMETRIES = 'more than one publisher of odometry'  # one may stand still, the other move
 
-_WHY = {
-    StopSource.SERVICE: 'requested by service',
-    StopSource.TSR: 'the safety remote says stop',
-    StopSource.MSR: "the MSR's contact is open",
-    StopSource.TEAM: "the bridge does not receive its team's messages",
-    StopSource.UNRELIABLE: (
-        'a publisher of ~/tsr or ~/msr is not RELIABLE; correct it and restart the bridge'
-    ),
-    StopSource.UNREADABLE: 'a publisher of ~/tsr or ~/msr does not publish std_msgs/Bool',
-    StopSource.TWO_REMOTES: 'more than one publisher of ~/tsr or of ~/msr',
-    StopSource.TWO_BRIDGES: 'two bridges',
-    StopSource.TWO_LOCKS: 'another node publishes ~/stop or ~/state',
-    StopSource.TWO_ODOMETRIES: 'more than one publisher of odometry',
-    StopSource.TWO_ANSWERERS: 'another node offers ~/acknowledge',
-    StopSource.TWO_STOPPERS: 'another node offers ~/team_stop',
-}
-"""The reason that people read when a source stops the kart."""
 
 _SILENCE = {
     StopSource.TSR: 'nothing from the safety remote',
@@ -165,12 +145,10 @@ class Names:
 
     :ivar race_control: the address of race control.
     :ivar odometry: the topic of the kart's odometry.
-    :ivar graph: the kart's ROS graph.
     """
 
     race_control: str = 'race control'
     odometry: str = '~/odom'
-    graph: str = 'this ROS domain'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -197,19 +175,6 @@ class Verdict:
 
 
 @dataclasses.dataclass(frozen=True)
-class AcknowledgementAnswer:
-    """
-    The answer to an acknowledgement.
-
-    :ivar accepted: whether the acknowledgement is accepted, and sent to race control.
-    :ivar message: a sentence for people; after a refusal, it says what is missing.
-    """
-
-    accepted: bool
-    message: str
-
-
-@dataclasses.dataclass(frozen=True)
 class Reaction:
     """
     The result of one input.
@@ -217,16 +182,13 @@ class Reaction:
     :ivar verdict: what the kart must do after the input.
     :ivar send: the state to send to race control, if any.
     :ivar give_up: why the socket must be closed; None if it must not.
-    :ivar answer: the answer, if the input was an acknowledgement.
-    :ivar hindrance: a sentence that says why this speed keeps a red state from being acknowledged;
-        empty if it does not.
+    :ivar refusal: why an acknowledgement is refused, and what is missing; empty if it is accepted.
     """
 
     verdict: Verdict
     send: RaceState | None = None
     give_up: str | None = None
-    answer: AcknowledgementAnswer | None = None
-    hindrance: str = ''
+    refusal: str = ''
 
 
 class Arbiter:
@@ -261,8 +223,7 @@ class Arbiter:
         self._out = False
         self._slowing_since: float | None = None
         # The team's stop.
-        self._engaged = dict.fromkeys(StopSource, False)
-        self._who: dict[StopSource, str] = {}  # for the reason only
+        self._engaged: dict[StopSource, str] = {}  # with the reasons
         self._stopped = True  # the stop was on after the last input, or began in this one
         timeouts = {
             StopSource.TSR: settings.tsr_timeout,
@@ -284,13 +245,11 @@ class Arbiter:
         """Return what the kart must do as of the last input."""
         commanded = self._commanded
         reasons = []
-        if self._engaged[StopSource.TWO_BRIDGES]:  # first, because it may cause the others
-            reasons.append(f'another bridge runs in {self._names.graph}: stop one of them')
+        team_stop = self._team_stop
+        if team_stop:  # first, because a second bridge may cause the others
+            reasons.append(self._team_stop_reason())
         if commanded is None:
             reasons.append(self._absence)
-        team_stop = self._team_stop
-        if team_stop:
-            reasons.append(self._team_stop_reason())
         if commanded is RaceState.GREEN_GREEN and not self._armed:
             reasons.append(
                 'GREEN_GREEN needs an acknowledged GRID_ACTIVE before it: ' + self._not_armed
@@ -333,19 +292,19 @@ class Arbiter:
         if not self._odometry_expected:
             return ''
         topic = self._names.odometry
-        if self._engaged[StopSource.TWO_ODOMETRIES]:
-            return f'{self._why(StopSource.TWO_ODOMETRIES)}; only one may publish {topic}'
+        if two := self._engaged.get(StopSource.ODOMETRIES):
+            return f'{two}; only one may publish {topic}'
         if self._now - self._speed_at <= ODOMETRY_FRESH:
             return ''
         return f'no odometry on {topic} for {ODOMETRY_FRESH:g} s: is this its topic?'
 
     @property
-    def awaited(self) -> RaceState | None:
-        """Return the state that the stack could acknowledge now but has not; None if none."""
+    def awaited(self) -> tuple[RaceState, str] | None:
+        """Return the state not acknowledged yet, and why it cannot be now; None if none."""
         reached = self.verdict.reached
-        if reached in (None, RaceState.IN_GARAGE) or self._acknowledged:
+        if reached is None or reached is RaceState.IN_GARAGE or self._acknowledged:
             return None
-        return None if self._refusal(reached, self._order) else reached
+        return reached, self._refusal(reached, self._order)
 
     def tick(self, now: float) -> Reaction:
         """Let time pass."""
@@ -383,17 +342,17 @@ class Arbiter:
                 self._command(state, now)
         return self._reaction(give_up)
 
-    def team_stop(self, source: StopSource, engaged: bool, now: float, who: str = '') -> Reaction:
+    def team_stop(self, source: StopSource, engaged: bool, now: float, why: str = '') -> Reaction:
         """
         Engage or release one source's team stop; the kart stops while any is engaged (§2.C).
 
-        :param who: the nodes that cause the stop, for the reason.
+        :param why: the reason that people read; empty for the source's own.
         """
         give_up = self._pass(now)
-        self._engaged[source] = engaged
-        self._who[source] = who
+        others = {each: reason for each, reason in self._engaged.items() if each is not source}
+        self._engaged = others | ({source: why or source.value} if engaged else {})
         self._sign(source, now)
-        if source is StopSource.TWO_ODOMETRIES:
+        if source is StopSource.ODOMETRIES:
             # Two publishers count as odometry too, but the last speed may be the wrong one's.
             self._odometry_expected = self._odometry_expected or engaged
             self._speed_at = -math.inf
@@ -417,19 +376,14 @@ class Arbiter:
 
         :param state: the state that the kart has reached, from a verdict's `reached`.
         :param order: the number of the command, from the same verdict.
-        :return: a reaction with `answer` and, after an acceptance, `send`.
+        :return: a reaction with `refusal` or `send`.
         """
         give_up = self._pass(now)
-        refusal = self._refusal(state, order)
-        if refusal is not None:
-            return self._reaction(give_up, answer=AcknowledgementAnswer(False, refusal))
+        if refusal := self._refusal(state, order):
+            return self._reaction(give_up, refusal=refusal)
         said = self._out and self._acknowledged
         self._acknowledge()
-        return self._reaction(
-            give_up,
-            send=None if said else state,
-            answer=AcknowledgementAnswer(True, f'{state.value} is acknowledged'),
-        )
+        return self._reaction(give_up, send=None if said else state)
 
     def speed(self, metres_per_s: float, now: float) -> Reaction:
         """Record the kart's speed from odometry, in m/s; the sign does not matter."""
@@ -446,26 +400,21 @@ class Arbiter:
             self._still_since = None
         elif self._still_since is None or gap:
             self._still_since = now
-        if self._still_since is None or (now < self._still_since + self._settings.standstill_time):
-            hindrance = self.missing_odometry or self._motion()
-            return self._reaction(give_up, hindrance=hindrance if waiting else '')
+        if self._still_since is None or now < self._still_since + self._settings.standstill_time:
+            return self._reaction(give_up)
         self._acknowledge()
         return self._reaction(give_up, send=reached)
 
     # Common to all inputs.
 
     def _reaction(
-        self,
-        give_up: str | None,
-        send: RaceState | None = None,
-        answer: AcknowledgementAnswer | None = None,
-        hindrance: str = '',
+        self, give_up: str | None, send: RaceState | None = None, refusal: str = ''
     ) -> Reaction:
         stopped = self._team_stop
         if self._stopped and not stopped:
             self._number()  # an acknowledgement from before the team stop must not count after it
         self._stopped = stopped
-        return Reaction(self.verdict, send, give_up, answer, hindrance)
+        return Reaction(self.verdict, send, give_up, refusal)
 
     def _pass(self, now: float) -> str | None:
         """Let what is due by `now` happen; return why the socket must be closed, if it must."""
@@ -538,8 +487,8 @@ class Arbiter:
         self._still_since = None
         self._armed = self._armed or (self._commanded is RaceState.GRID_ACTIVE and not self._out)
 
-    def _refusal(self, state: RaceState, order: int) -> str | None:
-        """Return why this acknowledgement is refused now; None if it is accepted."""
+    def _refusal(self, state: RaceState, order: int) -> str:
+        """Return why this acknowledgement is refused now; empty if it is accepted."""
         verdict = self.verdict
         if verdict.commanded is None:
             return f'{state.value} is not commanded: {self._absence}'
@@ -561,11 +510,10 @@ class Arbiter:
                 f'acknowledge {verdict.commanded.value} once the kart has reached it'
             )
         if state is RaceState.IN_GARAGE or not self._odometry_expected:
-            return None
+            return ''
         if missing := self.missing_odometry:
             return missing
-        wrong = self._standstill() if state is RaceState.GREEN_GREEN else self._motion()
-        return wrong or None
+        return self._contradiction(state)
 
     def _reached(self, state: RaceState) -> RaceState | None:
         """Return what to acknowledge once a kart that obeys `state` has reached it."""
@@ -574,26 +522,15 @@ class Arbiter:
         to_race = self._commanded in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN)
         return None if to_race and state is not self._commanded else self._commanded
 
-    def _standstill(self) -> str:
-        """Return why odometry does not show that the kart drives; empty if it does."""
-        if self._speed > self._settings.standstill_speed:
+    def _contradiction(self, state: RaceState) -> str:
+        """Return how the last speed contradicts this state; NaN does. Empty if it does not."""
+        speed, limit = self._speed, self._settings.standstill_speed
+        said = f'odometry says {speed:.2f} m/s'
+        if state is RaceState.GREEN_GREEN:
+            return '' if speed > limit else f'{said}: acknowledge GREEN_GREEN once the kart drives'
+        if speed <= limit:
             return ''
-        return f'odometry says {self._speed:.2f} m/s: acknowledge GREEN_GREEN once the kart drives'
-
-    def _motion(self) -> str:
-        """Return why the last speed is not a standstill; empty if it is."""
-        limit = self._settings.standstill_speed
-        if self._speed <= limit:
-            return ''
-        if math.isnan(self._speed):
-            return (
-                'odometry gives NaN as the speed, which is not a standstill '
-                f'(standstill_speed is {limit:g} m/s)'
-            )
-        return (
-            f'odometry says {self._speed:.2f} m/s, above standstill_speed ({limit:g} m/s): '
-            'the kart is still moving'
-        )
+        return f'{said}, not up to standstill_speed ({limit:g} m/s): the kart is still moving'
 
     def _disarm(self, why: str) -> None:
         """Do not obey GREEN_GREEN until a GRID_ACTIVE is acknowledged."""
@@ -605,7 +542,7 @@ class Arbiter:
 
     @property
     def _team_stop(self) -> bool:
-        return any(self._engaged.values()) or bool(self._missed)
+        return bool(self._engaged or self._missed)
 
     @property
     def _missed(self) -> list[StopSource]:
@@ -616,12 +553,8 @@ class Arbiter:
         if source in self._timeouts:
             self._signs = {**self._signs, source: now}
 
-    def _why(self, source: StopSource) -> str:
-        who = self._who.get(source)
-        return f'{_WHY[source]}: {who}' if who else _WHY[source]
-
     def _team_stop_reason(self) -> str:
-        reasons = [self._why(source) for source, engaged in self._engaged.items() if engaged]
+        reasons = [self._engaged[each] for each in StopSource if each in self._engaged]
         for source in self._missed:
             if source is StopSource.TEAM and self._starting:
                 reasons.append('the bridge is starting')
