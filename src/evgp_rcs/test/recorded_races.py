@@ -18,7 +18,7 @@ from evgp_node.results import Corrected, Standings
 from evgp_node.stream import Began, Block, BOOK, Gap, SCHEMA_VERSION, Stream
 from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
-from evgp_rcs.record.report.model import Account
+from evgp_rcs.record.report.model import Account, Happened
 from evgp_rcs.record.runs import Kept, open_runs
 from evgp_rcs.record.store import blocks_of, PROGRAM, Record, rules_version, Session
 from evgp_rcs.rules import inputs
@@ -197,7 +197,7 @@ def kept(entries: Sequence[Entry]) -> Kept:
     return Kept(Session(1, BEGAN, None, 0, BEGAN, '1234'), [(1, block.compressed())])
 
 
-def named(event: StampedEvent | None) -> str:
+def named(event: Happened | None) -> str:
     """Return what an event is about: its command, or its kind."""
     assert event is not None
     return (event.event.command or event.event.kind).name

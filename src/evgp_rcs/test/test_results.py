@@ -194,6 +194,7 @@ def test_the_report_has_the_same_results(
     (order,) = re.findall(r'<table class="order">.*?</table>', text, re.DOTALL)
     assert '20.000 s' in order
     assert rows[1]['reason'] in order
+    assert "Race control's own report: " in text
 
 
 @pytest.mark.parametrize(

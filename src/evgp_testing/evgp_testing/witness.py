@@ -143,7 +143,8 @@ def _recorded(replay: Replay) -> tuple[dict[int, list[_Connection]], list[_Judge
     present: dict[int, _Connection] = {}
     commands: list[_Judged] = []
     at = -math.inf
-    for entry, _, outcome, _ in replay.steps():
+    for step in replay.steps():
+        entry, outcome = step.entry, step.outcome
         if isinstance(entry, StampedEvent) and entry.event.kind is EventKind.ENDED:
             for connection in present.values():
                 connection.order(entry.monotonic - ahead, RaceState.RED_RED)

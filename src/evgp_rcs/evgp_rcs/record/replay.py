@@ -18,8 +18,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from itertools import zip_longest
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 from evgp_node.stream import Began, Gap
 from evgp_rcs.record.plain import plain
@@ -35,7 +36,7 @@ from evgp_rcs.record.runs import (
 )
 from evgp_rcs.record.store import rules_version
 from evgp_rcs.rules import inputs
-from evgp_rcs.rules.inputs import Entry, Input, Ordered, Rules, Shown
+from evgp_rcs.rules.inputs import Entry, Input, Ordered, Rules
 from evgp_rcs.rules.race import Event, EventKind, Order, Outcome, Race, StampedEvent
 
 OF_THE_SERVER = frozenset({EventKind.MALFORMED, EventKind.REFUSED_CONNECTION, EventKind.ENDED})
@@ -51,31 +52,16 @@ step, in seconds."""
 
 class Difference(NamedTuple):
     """
-    A difference between a record and its replay, and the input at which it occurs.
+    A difference between a record and its replay.
 
-    :param at: time since the run began, in seconds.
-    :param number: number of the input, from 1; 0 before the first input.
-    :param given: the input as text.
     :param what: name of the value that differs.
     :param recorded: the value in the record.
     :param replayed: the value in the replay.
     """
 
-    at: float
-    number: int
-    given: str
     what: str
     recorded: str
     replayed: str
-
-    def __str__(self) -> str:
-        """Return the difference in three lines."""
-        return (
-            f'The first difference is {self.what}, {self.at:.6f} s after the run began, at input '
-            f'{self.number} ({self.given})\n'
-            f'  the record has:  {self.recorded}\n'
-            f'  the rules give:  {self.replayed}'
-        )
 
 
 class ClockStep(NamedTuple):
@@ -89,20 +75,39 @@ class ClockStep(NamedTuple):
     by: float
 
 
-class Step(NamedTuple):
+@dataclass
+class Step:
     """
-    An entry of a stream, and its results.
+    An entry of a stream that is not itself a result, with its results.
 
-    :param entry: an input, an event of the server, a snapshot that was shown, or a gap.
+    :param entry: an input, an event of the server, a snapshot that was shown, a gap or, at the
+        beginning, the setup.
+    :param events: the events in the stream that the entry caused, and the entry itself if it is
+        an event.
+    :param orders: the orders in the stream that the entry caused.
     :param race: the race after the entry; None if only the stream is known from here on.
-    :param outcome: the outcome, if the entry is an input.
-    :param events: the events that the entry caused, or the entry itself if it is an event.
+    :param outcome: what the rules make of the entry, if it is an input that they confirm.
     """
 
-    entry: Input | StampedEvent | Shown | Gap
-    race: Race | None
+    entry: Entry | Gap | None
+    events: list[StampedEvent] = field(default_factory=list)
+    orders: list[Order] = field(default_factory=list)
+    race: Race | None = None
     outcome: Outcome | None = None
-    events: tuple[StampedEvent, ...] = ()
+
+
+def _with_results(entries: Iterator[Entry | Gap]) -> Iterator[Step]:
+    """Yield the entries of a stream, each with the results that follow it there."""
+    step = Step(None)
+    for entry in entries:
+        if isinstance(entry, Ordered):
+            step.orders += entry.orders
+        elif isinstance(entry, StampedEvent) and entry.event.kind not in OF_THE_SERVER:
+            step.events.append(entry)
+        else:
+            yield step
+            step = Step(entry, [entry] if isinstance(entry, StampedEvent) else [])
+    yield step
 
 
 class _EndError(Exception):
@@ -114,6 +119,7 @@ class Replay:
     One run of the rules on a stream. `steps` fills in the results.
 
     :ivar rules: the setup of the rules; None if it is missing.
+    :ivar inputs: number of inputs up to the end of the replay, or up to the first difference.
     :ivar seconds: time since the run began, up to which the stream was compared, in seconds.
     :ivar missing: a clause that says why the replay ended early; empty if it did not.
     :ivar clock_steps: the steps of the wall clock against the rules' clock.
@@ -128,11 +134,7 @@ class Replay:
         self.missing = ''
         self.clock_steps: list[ClockStep] = []
         self._race: Race | None = None
-        # The last input, its outcome, and the orders and events that follow it in the stream.
-        self._given: Input | None = None
-        self._outcome: Outcome | None = None
-        self._orders: list[Order] = []
-        self._told: list[StampedEvent] = []
+        self._given: Input | None = None  # the last one that the rules got
         self._last: StampedEvent | None = None
 
     def __str__(self) -> str:
@@ -156,53 +158,38 @@ class Replay:
         return self
 
     def steps(self) -> Iterator[Step]:
-        """Yield the run step by step; once the race is unknown, only its events."""
-        for entry in self.kept.entries():
+        """Yield the run step by step; once the race is unknown, only its events and gaps."""
+        for step in _with_results(self.kept.entries()):
             try:
-                if isinstance(entry, StampedEvent):
-                    self._look_at_its_place(entry)
-                yield from self._follow(entry)
+                outcome = self._follow(step.entry)
+                self._compare(step, outcome or Outcome((), ()))
+                step.race, step.outcome = self._race, outcome
             except _EndError:
-                yield from self._give_up()
-            if self._race is None and isinstance(entry, StampedEvent):
-                yield Step(entry, None, None, (entry,))
-            elif isinstance(entry, Gap):
-                yield Step(entry, None)
-        try:
-            if self._race is not None:
-                yield from self._finish()
-        except _EndError:
-            yield from self._give_up()
+                self._race = None
+            if step.race is not None or step.events or isinstance(step.entry, Gap):
+                yield step
 
     # ----- following the stream -----------------------------------------------------------
 
-    def _follow(self, entry: Entry | Gap) -> Iterator[Step]:
-        if isinstance(entry, Rules) and self.rules is None and not self.missing:
+    def _follow(self, entry: Entry | Gap | None) -> Outcome | None:
+        """Give an entry to the rules, and return what they make of it if it is an input."""
+        if isinstance(entry, Gap):
+            self._stop_at(entry)
+        elif isinstance(entry, Rules) and self.rules is None and not self.missing:
             self.rules = entry
             try:
                 self._race = entry.setup.race()
             except ValueError as error:
                 self._differ('the setup', str(entry.setup), repr(error))
-        elif isinstance(entry, Gap):
-            self._stop_at(entry)
         elif self._race is None:
-            return
+            return None
         elif isinstance(entry, Rules | Began):
             self._differ('an entry', type(entry).__name__, 'the run has begun already')
-        elif isinstance(entry, Ordered):
-            self._orders += entry.orders
-        elif isinstance(entry, StampedEvent) and entry.event.kind not in OF_THE_SERVER:
-            self._told.append(entry)
-        else:
-            yield from self._finish()
-            if isinstance(entry, StampedEvent):
-                yield Step(entry, self._race, None, (entry,))
-            elif isinstance(entry, Shown):
-                yield Step(entry, self._race)
-            else:
-                self._feed(entry, self._race)
+        elif isinstance(entry, Input):
+            return self._feed(entry, self._race)
+        return None
 
-    def _stop_at(self, gap: Gap) -> None:
+    def _stop_at(self, gap: Gap) -> NoReturn:
         if self._race is None:
             self.missing = self.missing or str(gap)
         elif gap.damaged:
@@ -211,15 +198,7 @@ class Replay:
             self.missing = f'{gap}. Nothing after {self.seconds:.1f} s of the run can be compared'
         raise _EndError
 
-    def _give_up(self) -> Iterator[Step]:
-        """Continue with the stream alone."""
-        self._race = None
-        if self._given is not None:
-            yield Step(self._given, None, None, tuple(self._told))
-        else:
-            yield from (Step(each, None, None, (each,)) for each in self._told)
-
-    def _feed(self, given: Input, race: Race) -> None:
+    def _feed(self, given: Input, race: Race) -> Outcome:
         assert self.rules is not None
         self.inputs += 1
         seconds = given.at - self.rules.setup.now
@@ -227,29 +206,27 @@ class Replay:
             self._differ('an input', f'its time is {given.at!r}', 'times do not go back')
         self._given, self.seconds = given, seconds
         try:
-            self._outcome = inputs.feed(given, race)
+            return inputs.feed(given, race)
         except Exception as error:  # noqa: BLE001 - any error of the rules is a difference
             self._differ('the result of an input', 'no error', repr(error))
 
-    def _finish(self) -> Iterator[Step]:
-        """Compare the results of the last input, which are complete now."""
-        outcome = self._outcome or Outcome((), ())
-        for recorded, replayed in zip_longest(self._orders, outcome.orders):
-            if recorded != replayed:
-                self._differ('an order', _order(recorded), _order(replayed))
-            self.orders += 1
+    # ----- comparing ----------------------------------------------------------------------
+
+    def _compare(self, step: Step, outcome: Outcome) -> None:
+        """Compare the results of an entry with what the rules make of it."""
         made = iter(outcome.events)
-        for told in self._told:
-            self._compare_event(told, made)
+        for stamped in step.events:
+            self._look_at_its_place(stamped)
+            if self._race is not None and stamped is not step.entry:
+                self._compare_event(stamped, made, step.entry)
         for event in made:
             if not event.chatter:
                 self._differ('an event', 'none', _fields(event))
-        if self._given is not None:
-            yield Step(self._given, self._race, outcome, tuple(self._told))
-        self._given = self._outcome = None
-        self._orders, self._told = [], []
-
-    # ----- comparing ----------------------------------------------------------------------
+        if self._race is not None:
+            for recorded, replayed in zip_longest(step.orders, outcome.orders):
+                if recorded != replayed:
+                    self._differ('an order', _order(recorded), _order(replayed))
+                self.orders += 1
 
     def _look_at_its_place(self, entry: StampedEvent) -> None:
         """Compare the number and times of an event with those of the previous event."""
@@ -267,25 +244,20 @@ class Replay:
             least = f'not before event {before.sequence}, {before.monotonic!r}'
             self._differ(f'event {number}', what, least)
 
-    def _compare_event(self, entry: StampedEvent, made: Iterator[Event]) -> None:
+    def _compare_event(
+        self, entry: StampedEvent, made: Iterator[Event], cause: Entry | Gap | None
+    ) -> None:
         name = f'event {entry.sequence}'
         # If karts cause too many events, the server omits some of them.
         event = next((each for each in made if not each.chatter or each == entry.event), None)
         if event is None or event != entry.event:
             self._differ(name, _fields(entry.event), _fields(event) if event else 'no such event')
-        if self._given is not None and entry.monotonic != self._given.at:
-            self._differ(name, f'time {entry.monotonic!r}', f'time {self._given.at!r}')
+        if isinstance(cause, Input) and entry.monotonic != cause.at:
+            self._differ(name, f'time {entry.monotonic!r}', f'time {cause.at!r}')
         self.events += 1
 
-    def _differ(self, what: str, recorded: str, replayed: str) -> None:
-        self.difference = Difference(
-            self.seconds,
-            self.inputs,
-            _input(self._given),
-            what,
-            _cut(recorded),
-            _cut(replayed),
-        )
+    def _differ(self, what: str, recorded: str, replayed: str) -> NoReturn:
+        self.difference = Difference(what, _cut(recorded), _cut(replayed))
         raise _EndError
 
     # ----- the verdict --------------------------------------------------------------------
@@ -313,7 +285,14 @@ class Replay:
         found = 'no' if self.difference is None else 'a'
         lines.append(f'Run {run.number}: {self}: {found} difference')
         if self.difference is not None:
-            return FAILED, [*lines, *str(self.difference).split('\n')]
+            what, recorded, replayed = self.difference
+            return FAILED, [
+                *lines,
+                f'The first difference is {what}, {self.seconds:.6f} s after the run began, at '
+                f'input {self.inputs} ({_input(self._given)})',
+                f'  the record has:  {recorded}',
+                f'  the rules give:  {replayed}',
+            ]
         if self.clock_steps:
             steps = self.clock_steps
             lines.append(

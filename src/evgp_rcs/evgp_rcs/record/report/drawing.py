@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report import wording
-from evgp_rcs.record.report.model import Account, Lane, NO_GRADE, Part
+from evgp_rcs.record.report.model import Account, Happened, Lane, NO_GRADE, Part
 from evgp_rcs.record.report.wording import Clock
-from evgp_rcs.rules.race import EventKind, StampedEvent
+from evgp_rcs.rules.race import EventKind
 
 WIDTH, NAMES, LETTER = 1200.0, 120.0, 8.0
 """Widths of a timeline, of the names of its lines, and of a letter, in pixels."""
@@ -80,7 +80,7 @@ class _Timeline:
 
     def shapes(self) -> Iterator[Shape]:
         lanes = [each for each in self._account.lanes.values() if self._part.concerns(each.kart)]
-        events = self._part.events(self._account, self._account.events)
+        events = self._part.events(self._account.events)
         ends = self._account.ended
         # Connections that end with race control are not lost ones.
         last = math.inf if ends is None else ends.sequence
@@ -107,10 +107,10 @@ class _Timeline:
             yield Shape('tick', self._x(at), 0, 1, height, self._clock.at(at))
             at += step
 
-    def _commands(self, events: list[StampedEvent]) -> Iterator[Label]:
+    def _commands(self, events: list[Happened]) -> Iterator[Label]:
         for each in events:
-            event, at = each.event, self._account.at(each)
-            if event.kind is EventKind.COMMAND:
+            event, at = each.event, each.at
+            if each.is_command:
                 words = wording.command(event.command, event.kart)
                 if event.official:
                     words += f' ({wording.name(event.official)})'
@@ -122,7 +122,7 @@ class _Timeline:
     def _alerts(self) -> Iterator[Label]:
         for each in self._part.alerts(self._account):
             end = self._account.length if each.ended is None else each.ended
-            yield each.raised, end, 'alert', plain(each.event.event.text)
+            yield each.event.at, end, 'alert', plain(each.event.event.text)
 
     def _rows(self, top: float, labels: Iterator[Label]) -> Iterator[Shape]:
         """Yield each label in the first row that has room for it or, without room, as a stroke."""
@@ -146,7 +146,7 @@ class _Timeline:
             hint = f'{words}: {self._clock.at(start, 3)} to {self._clock.at(end, 3)}'
             yield Shape(look, x, y, max(self._x(end) - x, 1.0), height, words, hint)
 
-    def _lane(self, lane: Lane, marks: list[StampedEvent], y: float) -> Iterator[Shape]:
+    def _lane(self, lane: Lane, marks: list[Happened], y: float) -> Iterator[Shape]:
         name = f'{lane.kart} {wording.name(lane.team)}'
         yield Shape('name', 0, y, 0, LANE, name[: int(NAMES / LETTER)], name)
         for band in lane.bands:
@@ -163,7 +163,7 @@ class _Timeline:
                 yield from self._box(hold.start, hold.end, 'hold', y, 3, f'held in {hold.what}')
         free: dict[bool, float] = {}  # from where there is room for rare marks, and for others
         for mark in marks:
-            at, is_rare = self._account.at(mark), mark.event.kind in RARE
+            at, is_rare = mark.at, mark.event.kind in RARE
             if self._x(at) >= free.get(is_rare, 0.0):
                 free[is_rare] = self._x(at) + LETTER / (2 if is_rare else 1)
                 hint = f'{self._clock.at(at, 3)} {plain(mark.event.text)}'

@@ -15,7 +15,7 @@ set.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 import enum
 import itertools
@@ -32,9 +32,8 @@ from evgp_rcs.record.runs import Kept
 from evgp_rcs.record.timing import Timing
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.inputs import Input, Recovered
-from evgp_rcs.rules.race import AlertKind, EventKind, Kart, Race, StampedEvent
+from evgp_rcs.rules.race import Event, EventKind, Kart, Outcome, Race, StampedEvent
 
-IN_GARAGE = RaceState.IN_GARAGE.name
 GREEN_GREEN = RaceState.GREEN_GREEN.name
 REDS = frozenset({RaceState.RED_FLAG.name, RaceState.RED_RED.name})
 
@@ -48,6 +47,24 @@ NO_GRADE = Grade.UNKNOWN.name
 
 STOPS = frozenset(kind for kind, entry in CATALOGUE.items() if entry.stop)
 SENDS_RED = frozenset(kind for kind, entry in CATALOGUE.items() if entry.overtakes)
+
+
+class Happened(NamedTuple):
+    """
+    An event.
+
+    :param at: its time in seconds.
+    :param sequence: its number in the run.
+    """
+
+    at: float
+    sequence: int
+    event: Event
+
+    @property
+    def is_command(self) -> bool:
+        """Return whether the event is an official's command, accepted or refused."""
+        return self.event.kind is EventKind.COMMAND
 
 
 @dataclass
@@ -103,12 +120,12 @@ class Alert:
     """
     An alert, and how long it lasted.
 
+    :param event: the event that raised it.
     :param ended: when it ended; None if it had not, as far as the rules can follow the record.
     :param stands: whether it certainly lasted until the end of the record.
     """
 
-    event: StampedEvent
-    raised: float
+    event: Happened
     ended: float | None = None
     stands: bool = True
 
@@ -130,7 +147,7 @@ class Out(NamedTuple):
 
     why: Why
     at: float
-    event: StampedEvent | None = None
+    event: Happened | None = None
 
 
 class Result(NamedTuple):
@@ -164,86 +181,83 @@ class StopAnswer(NamedTuple):
 class Stop(NamedTuple):
     """A stop, with the event of its command or, without a command, of the race's new state."""
 
-    event: StampedEvent
-    at: float
+    event: Happened
     told: tuple[StopAnswer, ...]
 
     def slowest(self) -> StopAnswer | None:
         """Return the slowest answer of the karts that acknowledged a new state; None if none."""
-        new = [each for each in self.told if each.band.start == self.at]
+        new = [each for each in self.told if each.band.start == self.event.at]
         answered = (each for each in new if each.band.acknowledged is not None)
         return max(answered, key=lambda each: each.band.acknowledged or 0.0, default=None)
-
-
-class Change(NamedTuple):
-    """A change of the race's state."""
-
-    at: float
-    event: StampedEvent
-
-    @property
-    def state(self) -> str:
-        """Return the name of the state."""
-        return self.event.event.state.name if self.event.event.state else NOT_KNOWN
 
 
 @dataclass
 class RaceAccount:
     """
-    One race, from GRID_ACTIVE to IN_GARAGE.
+    One race, from GRID_ACTIVE to IN_GARAGE, or what happened outside any race (number 0).
 
-    :param began: when it began, as far as the run shows.
+    :param events: its events, as far as the rules can follow the record.
     :param starters: the karts that were sent GREEN_GREEN.
     :param finished: when each kart was marked as finished, in the order of places; None if that
         was before the run began.
     :param out: why each starter that dropped out did not finish.
-    :param results: race control's sentence with the order of FINISH; empty if none was recorded.
     :param incidents: the events that a jury asks about first.
     :param stops: the events of stops, of one kart or of all.
-    :param refused: the events of refused commands.
-    :param corrections: the events of finishes that were undone.
-    :param taken_up: whether the race was under way when the run began.
     :param incomplete: whether the rules could not follow it to its end.
     """
 
     number: int
-    began: float
-    heat: str
-    taken_up: bool
-    incomplete: bool = False
-    changes: list[Change] = field(default_factory=list)
+    events: list[Happened] = field(default_factory=list)
     starters: tuple[int, ...] = ()
     finished: dict[int, float | None] = field(default_factory=dict)
     out: dict[int, Out] = field(default_factory=dict)
-    results: str = ''
-    incidents: list[StampedEvent] = field(default_factory=list)
-    stops: list[StampedEvent] = field(default_factory=list)
-    refused: list[StampedEvent] = field(default_factory=list)
-    corrections: list[StampedEvent] = field(default_factory=list)
+    incidents: list[Happened] = field(default_factory=list)
+    stops: list[Happened] = field(default_factory=list)
+    incomplete: bool = False
 
-    def add_incident(self, event: StampedEvent) -> None:
+    def add_incident(self, event: Happened) -> None:
         """Add an incident, unless it is the last one already."""
         if event not in self.incidents[-1:]:
             self.incidents.append(event)
 
-    def _first(self, *states: str) -> Change | None:
-        return next((change for change in self.changes if change.state in states), None)
+    @property
+    def began(self) -> float:
+        """Return when the race began, as far as the run shows."""
+        return self.events[0].at
+
+    @property
+    def heat(self) -> str:
+        """Return the race's heat; empty if it is none."""
+        return self.events[0].event.heat
+
+    @property
+    def taken_up(self) -> bool:
+        """Return whether the race was under way when the run began."""
+        return self.events[0].event.command is not CommandKind.GRID_ACTIVE
+
+    @property
+    def changes(self) -> list[Happened]:
+        """Return the changes of the race's state."""
+        return [each for each in self.events if each.event.kind is EventKind.RACE_STATE]
+
+    def _first(self, *states: RaceState) -> Happened | None:
+        return next((each for each in self.changes if each.event.state in states), None)
 
     @property
     def green(self) -> float | None:
         """Return when the race was started; None if never, or before this run."""
-        change = self._first(GREEN_GREEN)
+        change = self._first(RaceState.GREEN_GREEN)
         return change.at if change is not None else None
 
     @property
-    def stop(self) -> Change | None:
+    def stop(self) -> Happened | None:
         """Return the change that stopped the whole race; None if there was none."""
-        return self._first(*REDS)
+        return self._first(RaceState.RED_FLAG, RaceState.RED_RED)
 
     @property
     def garage(self) -> float | None:
         """Return when the race went back to IN_GARAGE; None if it did not."""
-        change = self._first(IN_GARAGE)
+        change = self._first(RaceState.IN_GARAGE)
         return change.at if change is not None else None
 
 
@@ -270,7 +284,7 @@ class Account:
         self.timing = {race: each for (its, race), each in results if its == run and each.karts}
         self.of_timing = {race: each for (its, race), each in corrections if its == run}
         self.replay = Replay(kept)
-        self.events: list[StampedEvent] = []
+        self.events: list[Happened] = []
         self.gaps: list[tuple[float, Gap]] = []
         self.length = 0.0
         self.known_until: float | None = None
@@ -278,10 +292,10 @@ class Account:
         self.race_bands = Bands()
         self.races: list[RaceAccount] = []
         self.alerts: list[Alert] = []
-        self.outside = RaceAccount(0, 0.0, '', taken_up=False)
-        self.ended: StampedEvent | None = None
+        self.outside = RaceAccount(0)
+        self.ended: Happened | None = None
         self.lost = 0
-        self._standing: dict[tuple[int, AlertKind | None], Alert] = {}
+        self._first: StampedEvent | None = None
         for step in self.replay.steps():
             self._take(step)
         self._close()
@@ -291,7 +305,7 @@ class Account:
     @property
     def began_ns(self) -> int:
         """Return the wall time of the first event, or of the run's start if it has none, in ns."""
-        return self.events[0].wall_ns if self.events else self.kept.run.began_ns
+        return self.kept.run.began_ns if self._first is None else self._first.wall_ns
 
     @property
     def overall(self) -> dict[Format, Standings]:
@@ -299,9 +313,9 @@ class Account:
         return {each.format: each for each in self.timing.values()}
 
     @property
-    def commands(self) -> list[StampedEvent]:
+    def commands(self) -> list[Happened]:
         """Return the events of officials' commands."""
-        return [each for each in self.events if each.event.kind is EventKind.COMMAND]
+        return [each for each in self.events if each.is_command]
 
     @property
     def teams(self) -> dict[int, str]:
@@ -319,7 +333,7 @@ class Account:
 
     def corrected_at(self, given: Corrected) -> float | None:
         """Return the time of a correction; None if the machine has been restarted before it."""
-        known = self.events and given.at >= self.events[0].monotonic
+        known = self._first is not None and given.at >= self._first.monotonic
         return self._at(given.at) if known else None
 
     def results(self, race: RaceAccount) -> list[Result]:
@@ -331,34 +345,33 @@ class Account:
             *(Result(kart, out=self._out(race, kart)) for kart in rest),
         ]
 
-    def stop(self, race: RaceAccount, event: StampedEvent) -> Stop:
+    def stop(self, race: RaceAccount, event: Happened) -> Stop:
         """Return what each kart was sent at a stop, and its answer."""
-        at = self.at(event)
         told = []
         for lane in self.lanes.values():
             if event.event.kart not in (0, lane.kart):
                 continue
-            later = [band for band in lane.bands if band.end > at]
+            later = [band for band in lane.bands if band.end > event.at]
             band, *after = later or lane.bands[-1:]
             sent = band.what not in (NOT_CONNECTED, NOT_KNOWN)
             if sent and band.what not in REDS:
                 continue
             if not sent and lane.kart not in (event.event.kart, *race.starters):
                 continue  # the stop did not concern this kart
-            ends = self.ended is not None and band.end >= self.at(self.ended)
+            ends = self.ended is not None and band.end >= self.ended.at
             then = after[0].what if after and not ends else ''
             told.append(StopAnswer(lane.kart, band, then))
-        return Stop(event, at, tuple(told))
+        return Stop(event, tuple(told))
 
     def _out(self, race: RaceAccount, kart: int) -> Out:
         if kart in race.out:
             return race.out[kart]
         if race.stop is not None:
-            return Out(Why.RACE_STOPPED, *race.stop)
+            return Out(Why.RACE_STOPPED, race.stop.at, race.stop)
         if race.incomplete:
             return Out(Why.NOT_KNOWN, self.known_until or 0.0)
         if self.ended is not None:
-            return Out(Why.RACE_CONTROL_ENDED, self.at(self.ended), self.ended)
+            return Out(Why.RACE_CONTROL_ENDED, self.ended.at, self.ended)
         return Out(Why.STILL_RACING, self.length)
 
     # ----- one step -----------------------------------------------------------------------
@@ -371,27 +384,29 @@ class Account:
 
     def _at(self, monotonic: float) -> float:
         # Round to the millisecond, as the report does, so that the times in it add up.
-        return round(max(0.0, monotonic - self.events[0].monotonic), 3) if self.events else 0.0
+        began = monotonic if self._first is None else self._first.monotonic
+        return round(max(0.0, monotonic - began), 3)
 
     def _take(self, step: Step) -> None:
-        self.events += step.events
-        for event in step.events:
-            self.length = self.at(event)
         if isinstance(step.entry, Gap):
             self.gaps.append((self.length, step.entry))
-        if step.race is None:
-            if self.known_until is None:
-                self._lose_sight()
-            for event in step.events:
-                self.ended = event if event.event.kind is EventKind.ENDED else self.ended
+        if step.race is None and self.known_until is None:
+            self._lose_sight()
+        new = []
+        for stamped in step.events:
+            self._first = self._first or stamped
+            self.length = self.at(stamped)
+            new.append(Happened(self.length, stamped.sequence, stamped.event))
+            if step.race is None and stamped.event.kind is EventKind.ENDED:
+                self.ended = new[-1]
+        self.events += new
+        if step.race is None or self.ended is not None:
             return
-        if self.ended is not None:
-            return
-        for event in step.events:
-            self._look_at_event(step, event)
+        for each in new:
+            self._look_at_event(step, each)
         made = step.outcome
         if made is not None and (made.events or made.orders or not self.lanes):
-            self._look_at_race(step, step.race)
+            self._look_at_race(step, made, new, step.race)
 
     def _lose_sight(self) -> None:
         """Mark everything from here on as unknown."""
@@ -401,71 +416,62 @@ class Account:
             lane.links.change(at, NO_GRADE)
             lane.holds.change(at, '')
         self.race_bands.change(at, NOT_KNOWN)
-        for alert in self._standing.values():
+        for alert in self.alerts:
             alert.stands = False
         for race in self.races[-1:]:
             race.incomplete = race.garage is None
 
-    def _race_of(self, stamped: StampedEvent) -> RaceAccount:
+    def _race_of(self, event: Event) -> RaceAccount:
         """Return the race that was under way; `outside` if there was none."""
-        event = stamped.event
         if not event.race:
             return self.outside
         if not self.races or self.races[-1].number != event.race:
-            taken_up = event.command is not CommandKind.GRID_ACTIVE
-            at = self.at(stamped)
-            self.races.append(RaceAccount(event.race, at, event.heat, taken_up))
+            self.races.append(RaceAccount(event.race))
         return self.races[-1]
 
-    def _look_at_event(self, step: Step, stamped: StampedEvent) -> None:
-        event, at = stamped.event, self.at(stamped)
-        race = self._race_of(stamped)
-        if event.kind is EventKind.COMMAND and not event.success:
-            race.refused.append(stamped)
-        elif event.kind is EventKind.COMMAND:
-            if event.command is CommandKind.KART_UNDO_FINISH:
-                race.corrections.append(stamped)
+    def _look_at_event(self, step: Step, happened: Happened) -> None:
+        event, race = happened.event, self._race_of(happened.event)
+        race.events.append(happened)
+        if happened.is_command and event.success:
             if event.command in STOPS:
-                race.add_incident(stamped)
+                race.add_incident(happened)
             if event.command in SENDS_RED:
-                race.stops.append(stamped)
+                race.stops.append(happened)
         elif event.kind is EventKind.RACE_STATE:
-            race.changes.append(Change(at, stamped))
             by_itself = event.command is None and not isinstance(step.entry, Recovered)
-            if by_itself and race.changes[-1].state in REDS:
-                race.stops.append(stamped)
-        elif event.kind is EventKind.ORDER_OF_FINISH:
-            race.results = event.text
+            if by_itself and event.state is not None and event.state.is_red:
+                race.stops.append(happened)
         elif event.kind is EventKind.ALERT_RAISED:
-            alert = self._standing[event.kart, event.alert] = Alert(stamped, at)
-            self.alerts.append(alert)
+            self.alerts.append(Alert(happened))
         elif event.kind is EventKind.ALERT_CLEARED:
-            alert = self._standing.pop((event.kart, event.alert))
-            alert.ended, alert.stands = at, False
+            for alert in self.alerts:
+                raised = alert.event.event
+                if alert.stands and (raised.kart, raised.alert) == (event.kart, event.alert):
+                    alert.ended, alert.stands = happened.at, False
         elif event.kind is EventKind.DISCONNECTED and event.race:
-            race.add_incident(stamped)
+            race.add_incident(happened)
         elif event.kind is EventKind.WITHDRAWN and self._sent(event.kart) in REDS:
-            race.add_incident(stamped)  # the kart had reported that it had stopped
+            race.add_incident(happened)  # the kart had reported that it had stopped
         elif event.kind is EventKind.ENDED:
-            self.ended = stamped
+            self.ended = happened
             for lane in self.lanes.values():
                 if lane.bands[-1].what != NOT_CONNECTED:
                     # This is the last state that every connected kart is sent.
-                    lane.bands.change(at, RaceState.RED_RED.name)
+                    lane.bands.change(happened.at, RaceState.RED_RED.name)
 
     def _sent(self, kart: int) -> str:
         return self.lanes[kart].bands[-1].what if kart in self.lanes else NOT_CONNECTED
 
     # ----- the race as it is now ----------------------------------------------------------
 
-    def _look_at_race(self, step: Step, race: Race) -> None:
+    def _look_at_race(self, step: Step, made: Outcome, events: list[Happened], race: Race) -> None:
         assert isinstance(step.entry, Input)
-        assert step.outcome is not None
         at = self._at(step.entry.at)
         self.race_bands.change(at, race.state.name)
-        made = step.outcome.events
-        under_way = self.races[-1] if self.races and made and made[0].race else None
-        self.lost += sum(each.kind is EventKind.DISCONNECTED and each.race > 0 for each in made)
+        under_way = self.races[-1] if self.races and made.events and made.events[0].race else None
+        self.lost += sum(
+            each.kind is EventKind.DISCONNECTED and each.race > 0 for each in made.events
+        )
         if self.races:
             before = self.races[-1].finished
             now = None if isinstance(step.entry, Recovered) else at
@@ -476,7 +482,7 @@ class Account:
         for kart in race.karts.values():
             self._look_at_kart(kart, at)
             if under_way is not None and race.state is RaceState.GREEN_GREEN:
-                self._look_who_drives(step, under_way, kart, at)
+                self._look_who_drives(events, under_way, kart.number, at)
 
     def _look_at_kart(self, kart: Kart, at: float) -> None:
         lane = self.lanes.get(kart.number)
@@ -492,22 +498,22 @@ class Account:
         lane.links.change(at, NO_GRADE if kart.link is None else kart.link.grade.name)
         lane.holds.change(at, '' if kart.hold is None else kart.hold.name)
 
-    def _look_who_drives(self, step: Step, race: RaceAccount, kart: Kart, at: float) -> None:
+    def _look_who_drives(
+        self, events: list[Happened], race: RaceAccount, number: int, at: float
+    ) -> None:
         """Record a starter that no longer drives and has no place."""
-        number = kart.number
         left = number in race.out or number in race.finished
         if left or number not in race.starters or self._sent(number) == GREEN_GREEN:
             return
         # The command that has taken effect in this step.
-        commands = (each for each in step.events if each.event.kind is EventKind.COMMAND)
-        cause = next((each for each in commands if each.event.success), None)
+        cause = next((each for each in events if each.is_command and each.event.success), None)
         why = Why.LOST  # or replaced by another connection
         if cause is not None and cause.event.command is CommandKind.KART_UNDO_FINISH:
             why = Why.FINISH_UNDONE
         elif cause is not None and cause.event.kart:
             why = Why.STOPPED_ALONE
         if cause is None:
-            cause = next((each for each in step.events if each.event.kart == number), None)
+            cause = next((each for each in events if each.event.kart == number), None)
         race.out[number] = Out(why, at, cause)
         if cause is not None:
             race.add_incident(cause)
@@ -532,13 +538,12 @@ class Part(NamedTuple):
         """Return whether the part includes this kart, or (0) what concerns no single kart."""
         return self.kart is None or kart in (0, self.kart)
 
-    def events(self, account: Account, events: Sequence[StampedEvent]) -> list[StampedEvent]:
+    def events(self, events: Iterable[Happened]) -> list[Happened]:
         """Return those of the events that are in the part."""
-        start, end = self.span(account)
         return [
             each
             for each in events
-            if self.concerns(each.event.kart) and start <= account.at(each) <= end
+            if self.concerns(each.event.kart) and self.start <= each.at <= self.end
         ]
 
     def alerts(self, account: Account) -> list[Alert]:
@@ -546,14 +551,12 @@ class Part(NamedTuple):
         return [
             each
             for each in account.alerts
-            if self.concerns(each.event.event.kart)
-            and self._touches(account, each.raised, each.ended)
+            if self.concerns(each.event.event.kart) and self._touches(each.event.at, each.ended)
         ]
 
     def races(self, account: Account) -> list[RaceAccount]:
         """Return the races that touch the part."""
-        return [each for each in account.races if self._touches(account, each.began, each.garage)]
+        return [each for each in account.races if self._touches(each.began, each.garage)]
 
-    def _touches(self, account: Account, begins: float, ends: float | None) -> bool:
-        start, end = self.span(account)
-        return begins <= end and (account.length if ends is None else ends) >= start
+    def _touches(self, begins: float, ends: float | None) -> bool:
+        return begins <= self.end and (ends is None or ends >= self.start)

@@ -92,7 +92,7 @@ def page(
     title += ' (a part only)' if shown else ''
     # The foot of every printed page, which contains no untrusted text.
     foot = f'{title} · run {kept.run.number}' + (f' · shows only {shown}' if shown else '')
-    events = on_paper = part.events(account, account.events)
+    events = on_paper = part.events(account.events)
     if len(on_paper) > PAPER_ROWS:
         on_paper = [each for each in events if each.event.kind not in LESSER][:PAPER_ROWS]
 
@@ -109,7 +109,7 @@ def page(
         made_ns=time.time_ns(),
         part=shown,
         events=events,
-        in_part=lambda happened: part.events(account, happened),
+        in_part=part.events,
         concerned=lambda told: [each for each in told if part.concerns(each.kart)],
         races=part.races(account),
         alerts=part.alerts(account),
@@ -192,7 +192,7 @@ def _lap_chart(timing: Standings) -> list[list[int]]:
 
 def _stood(alert: Alert, account: Account) -> str:
     if alert.stands:
-        return f'until the end ({wording.duration(account.length - alert.raised)})'
+        return f'until the end ({wording.duration(account.length - alert.event.at)})'
     if alert.ended is None:
         return 'not known'
-    return wording.duration(alert.ended - alert.raised)
+    return wording.duration(alert.ended - alert.event.at)

@@ -104,7 +104,7 @@ def answers(stop: Stop, told: StopAnswer, clock: Clock) -> tuple[str, str, str, 
     if band.what == NOT_CONNECTED:
         return 'nothing: it was not connected', '', '', ''
     what = STATES[band.what]
-    if band.what != NOT_KNOWN and band.start < stop.at:
+    if band.what != NOT_KNOWN and band.start < stop.event.at:
         what += f', already since {clock.at(band.start, 3)}'
     arrived = '' if band.what == NOT_KNOWN else 'not seen'
     if band.delivered is not None:
