@@ -20,6 +20,7 @@ from evgp_rcs.record import replay, timeline
 from evgp_rcs.record.report import command as report
 from evgp_rcs.record.report import results
 from evgp_rcs.record.runs import CALLED, say, UNREADABLE, UnreadableError
+from evgp_rcs.record.store import default_path
 from evgp_rcs.ros import mcap_export
 
 WAYS: dict[str, tuple[ModuleType, str]] = {
@@ -29,11 +30,12 @@ WAYS: dict[str, tuple[ModuleType, str]] = {
     'replay': (replay, 'run the rules again on the recorded inputs, and compare'),
     'mcap': (mcap_export, 'make a bag for Foxglove, PlotJuggler and ros2 bag'),
 }
-"""The subcommands: the module whose ``main`` gets the other arguments, and what it does."""
+"""The subcommands: what each does, and its module, with ``add_options`` and ``main``."""
 
 NOTES = """\
 A run is everything between one start of race control and its end. A run that race control is still
-writing is read up to now. Each subcommand has its own options: 'rcs_record report --help'.
+writing is read up to now. Each subcommand has its own options: 'rcs_record report --help'. Without
+a file, it reads FILE.
 
 examples:
   rcs_record --list                             the runs in the record
@@ -61,23 +63,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     :return: the exit code; see `NOTES`.
     """
+    options = _options()
     if '_ARGCOMPLETE' in os.environ:  # the shell completes a command line
         import argcomplete
 
-        argcomplete.autocomplete(_options())
+        argcomplete.autocomplete(options)
     given = list(sys.argv[1:] if arguments is None else arguments)
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A terminal with few characters shows a replacement for the others.
         sys.stdout.reconfigure(errors='replace')
-    if given and given[0] in ('-h', '--help'):
-        print(_options().format_help(), end='')
-        return 0
     if given and (meant := _misspelt(given[0])):
         say(f'there is no subcommand and no file {given[0]}. Did you mean {meant}?')
         return UNREADABLE
-    way = given.pop(0) if given and given[0] in WAYS else 'show'
+    if not given or given[0] not in (*WAYS, '-h', '--help'):
+        given.insert(0, 'show')
+    wanted = options.parse_args(given)
     try:
-        code: int = WAYS[way][0].main(given)
+        code: int = wanted.main(wanted)
         sys.stdout.flush()
     except UnreadableError as error:
         say(str(error))
@@ -92,19 +94,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _options() -> argparse.ArgumentParser:
-    """Return a parser with every option, for help and completion only."""
+    """Return the parser. Its own options, those of `show`, are for help and completion only."""
     options = argparse.ArgumentParser(
-        prog=CALLED,
-        description='Look at what race control recorded.',
-        epilog=NOTES.replace('rcs_record', CALLED),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        parents=[timeline.options()],
-        conflict_handler='resolve',
+        prog=CALLED, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    ways = options.add_subparsers()
-    for way, (module, what) in WAYS.items():
-        ways.add_parser(way, help=what, parents=[module.options()], conflict_handler='resolve')
+    _add_options(options, timeline)
+    options.description = 'Look at what race control recorded.'
+    options.epilog = NOTES.replace('rcs_record', CALLED).replace('FILE', str(default_path()))
+    ways = options.add_subparsers(metavar='subcommand')
+    for name, (module, what) in WAYS.items():
+        way = ways.add_parser(name, help=what)
+        way.add_argument(
+            'file',
+            nargs='?',
+            type=pathlib.Path,
+            default=default_path(),
+            help='the record (default: %(default)s)',
+        )
+        _add_options(way, module)
+        way.set_defaults(main=module.main)
     return options
+
+
+def _add_options(parser: argparse.ArgumentParser, module: ModuleType) -> None:
+    parser.add_argument(
+        '--run',
+        type=int,
+        metavar='NUMBER',
+        help="number of the run, as in '--list' (default: the newest)",
+    )
+    module.add_options(parser)
 
 
 def _misspelt(word: str) -> str:

@@ -46,7 +46,7 @@ from evgp_rcs.record.report.model import (
     Why,
 )
 from evgp_rcs.record.report.wording import Clock
-from evgp_rcs.record.runs import open_runs, PARTLY
+from evgp_rcs.record.runs import DONE, open_runs, PARTLY, UNREADABLE
 from evgp_rcs.record.store import Record
 from evgp_rcs.record.timing import BOOK
 from evgp_rcs.rules import inputs
@@ -420,10 +420,7 @@ def test_where_the_rules_cannot_follow_the_events_are_listed_and_nothing_else_is
     out = {result.kart: result.out.why for result in account.results(race) if result.out}
     assert out == {7: Why.STOPPED_ALONE, 8: Why.NOT_KNOWN, 9: Why.LOST}
     assert list(map(named, race.stops)) == ['KART_RED_FLAG']
-    page = path.with_name('report.html')
-    expected = PARTLY if what == 'a gap' else 0
-    assert rcs_record(['report', str(path), '-o', str(page)]) == expected
-    text = page.read_text(encoding='utf-8')
+    text = report(path, code=PARTLY if what == 'a gap' else DONE)
     if what == 'a gap':
         assert f'{len(lost.entries)} entries are missing' in text
     assert 'it only lists the events in the record' in text
@@ -549,10 +546,10 @@ def written(paper: PaperRace, tmp_path: pathlib.Path) -> pathlib.Path:
     return paper.write(tmp_path / 'record.sqlite3')
 
 
-def report(record: pathlib.Path, *arguments: str) -> str:
+def report(record: pathlib.Path, *arguments: str, code: int = DONE) -> str:
     page = record.with_name('report.html')
-    assert rcs_record(['report', str(record), '-o', str(page), *arguments]) == 0
-    return page.read_text(encoding='utf-8')
+    assert rcs_record(['report', str(record), '-o', str(page), *arguments]) == code
+    return page.read_text(encoding='utf-8') if page.exists() else ''
 
 
 @pytest.mark.parametrize('is_in_order', [True, False])
@@ -822,10 +819,7 @@ def test_a_report_of_a_part_says_so_wherever_it_could_be_mistaken(written: pathl
 def test_a_part_that_has_nothing_in_it_is_refused(
     written: pathlib.Path, arguments: tuple[str, ...]
 ) -> None:
-    with pytest.raises(SystemExit) as ended:
-        report(written, *arguments)
-    assert ended.value.code == 2
-    assert not written.with_name('report.html').exists()
+    assert not report(written, *arguments, code=UNREADABLE)
 
 
 def test_a_report_has_the_event_the_officials_and_room_to_sign(written: pathlib.Path) -> None:

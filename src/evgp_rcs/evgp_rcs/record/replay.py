@@ -17,7 +17,7 @@ the record.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from typing import NamedTuple, NoReturn
@@ -25,8 +25,6 @@ from typing import NamedTuple, NoReturn
 from evgp_node.stream import Began, Gap
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.runs import (
-    add_run_arguments,
-    CALLED,
     DONE,
     FAILED,
     Kept,
@@ -333,29 +331,27 @@ def _cut(text: str) -> str:
     return text if len(text) <= LONGEST else f'{text[:LONGEST]}...'
 
 
-def options() -> argparse.ArgumentParser:
-    """Return the parser of `rcs_record replay`."""
-    parser = argparse.ArgumentParser(
-        prog=f'{CALLED} replay',
-        description='Run the rules again on the inputs of a run (default: the newest), and '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options and the help of `rcs_record replay` to a parser."""
+    parser.description = (
+        'Run the rules again on the inputs of a run (default: the newest), and '
         'compare every order to a kart, and every event with its time, with the record. A run '
-        'that is still going on is replayed up to now, and one that crashed up to its last entry.',
-        epilog='Wall times are not checked. Of the events that the server itself causes (refused '
-        'connections, malformed messages, the end), only number and order are checked. The exit '
-        'codes are those of rcs_record.',
+        'that is still going on is replayed up to now, and one that crashed up to its last entry.'
     )
-    add_run_arguments(parser)
-    return parser
+    parser.epilog = (
+        'Wall times are not checked. Of the events that the server itself causes (refused '
+        'connections, malformed messages, the end), only number and order are checked. The exit '
+        'codes are those of rcs_record.'
+    )
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(wanted: argparse.Namespace) -> int:
     """
     Replay a run, and print what was compared and the first difference.
 
     :return: the exit code.
     :raises UnreadableError: if the record or the run cannot be read, or has no inputs.
     """
-    wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
         kept = runs.read(runs.choose(wanted.run))
     # The record is closed by now: a replay may take long, and race control must not wait for it.

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterable, Iterator
 import contextlib
 from dataclasses import dataclass
@@ -22,7 +21,6 @@ from evgp_node.stream import Block, DamagedError, Gap, SCHEMA_VERSION
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.store import (
     blocks_of,
-    default_path,
     is_being_written,
     open_read_only,
     Session,
@@ -164,23 +162,6 @@ class Runs:
         """Read the stream of a run."""
         blocks = list(blocks_of(self.database, run.number))
         return Kept(run, blocks, run is self.present)
-
-
-def add_run_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments `file` and `--run` to a parser."""
-    parser.add_argument(
-        'file',
-        nargs='?',
-        type=pathlib.Path,
-        default=default_path(),
-        help='the record (default: %(default)s)',
-    )
-    parser.add_argument(
-        '--run',
-        type=int,
-        metavar='NUMBER',
-        help="number of the run, as in '--list' (default: the newest)",
-    )
 
 
 @contextlib.contextmanager

@@ -6,28 +6,25 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 import sys
 
 from evgp_node.official import said_by
 from evgp_node.stream import Gap
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report.wording import Clock
-from evgp_rcs.record.runs import add_run_arguments, CALLED, Kept, open_runs, PARTLY, say
+from evgp_rcs.record.runs import Kept, open_runs, PARTLY, say
 from evgp_rcs.record.store import Session
 
 
-def options() -> argparse.ArgumentParser:
-    """Return the parser of `rcs_record show`."""
-    parser = argparse.ArgumentParser(
-        prog=f'{CALLED} show',
-        description="Print the newest run in race control's record, as a timeline: the time of "
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options and the help of `rcs_record show` to a parser."""
+    parser.description = (
+        "Print the newest run in race control's record, as a timeline: the time of "
         'day, the seconds since the first event, and what happened. A refused command has a !. '
         'Events are in the order in which they happened, even if the clock of the computer was '
-        'set; the seconds are from a clock that cannot be set.',
-        epilog='show is the default.',
+        'set; the seconds are from a clock that cannot be set.'
     )
-    add_run_arguments(parser)
+    parser.epilog = 'show is the default.'
     parser.add_argument('--list', action='store_true', help='list all runs, oldest first')
     parser.add_argument(
         '--stream',
@@ -41,17 +38,15 @@ def options() -> argparse.ArgumentParser:
         metavar='NUMBER',
         help='print the events of this kart, and those that concern no single kart',
     )
-    return parser
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(wanted: argparse.Namespace) -> int:
     """
     Print the runs of race control in a record, or the timeline of one.
 
     :return: the exit code.
     :raises UnreadableError: if the record or the run cannot be read.
     """
-    wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
         if wanted.list:
             for each in runs.listed:

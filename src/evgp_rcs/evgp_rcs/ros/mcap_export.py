@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 import math
 import pathlib
 import sys
@@ -15,8 +15,6 @@ from typing import Any
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.replay import Replay
 from evgp_rcs.record.runs import (
-    add_run_arguments,
-    CALLED,
     FAILED,
     Kept,
     open_runs,
@@ -37,28 +35,23 @@ DIAGNOSTICS_EVERY = 1.0
 """Time between two messages of diagnostics, in seconds."""
 
 
-def options() -> argparse.ArgumentParser:
-    """Return the parser of the arguments of `rcs_record mcap`."""
-    parser = argparse.ArgumentParser(
-        prog=f'{CALLED} mcap',
-        description='Write a run, the newest by default, as a bag of ROS messages in the MCAP '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options and the help of `rcs_record mcap` to a parser."""
+    parser.description = (
+        'Write a run, the newest by default, as a bag of ROS messages in the MCAP '
         'format: the race, its events and the diagnostics, at the times at which they were '
-        'published.',
+        'published.'
     )
-    add_run_arguments(parser)
     parser.add_argument('out', type=pathlib.Path, help='the bag, a new file (race.mcap)')
-    return parser
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(wanted: argparse.Namespace) -> int:
     """
     Write a run as a bag.
 
-    :param arguments: the arguments after `rcs_record mcap`.
     :return: the exit code.
     :raises UnreadableError: if the record or the run cannot be read.
     """
-    wanted = options().parse_args(arguments)
     try:
         # This import needs ROS and mcap. mcap may be missing, because it has no rosdep key.
         from evgp_rcs.ros.bag import write_bag

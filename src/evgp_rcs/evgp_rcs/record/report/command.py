@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 import datetime
 import hashlib
 import math
@@ -16,23 +15,23 @@ import re
 from evgp_rcs.record.report.model import Account, Part
 from evgp_rcs.record.report.page import page
 from evgp_rcs.record.report.wording import Clock
-from evgp_rcs.record.runs import add_run_arguments, CALLED, Kept, open_runs, PARTLY, put, Runs
+from evgp_rcs.record.runs import Kept, open_runs, PARTLY, put, Runs, UnreadableError
 from evgp_rcs.record.store import is_being_written
 from evgp_rcs.record.timing import timing_of
 
 
-def options() -> argparse.ArgumentParser:
-    """Return the parser of `rcs_record report`."""
-    parser = argparse.ArgumentParser(
-        prog=f'{CALLED} report',
-        description='Write the report of the newest run, or of a part of it, as one HTML file. '
-        'This runs the rules again, which takes some 20 s per hour of the run.',
-        epilog='TIME is a time of day (14:05 or 14:05:30), which means the first such time after '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options and the help of `rcs_record report` to a parser."""
+    parser.description = (
+        'Write the report of the newest run, or of a part of it, as one HTML file. '
+        'This runs the rules again, which takes some 20 s per hour of the run.'
+    )
+    parser.epilog = (
+        'TIME is a time of day (14:05 or 14:05:30), which means the first such time after '
         'the run began; or a day and a time (2026-05-30T14:05); or a plus and the seconds since '
         'the first event (+90). A report of a part says so at the top, at the timeline, at the '
-        'table, and on every printed page. Open the file in any browser, and print it from there.',
+        'table, and on every printed page. Open the file in any browser, and print it from there.'
     )
-    add_run_arguments(parser)
     parser.add_argument(
         '-o', '--output', type=pathlib.Path, required=True, metavar='FILE', help='write this file'
     )
@@ -47,17 +46,15 @@ def options() -> argparse.ArgumentParser:
         metavar='NUMBER',
         help='show only this kart, and what concerns no single kart',
     )
-    return parser
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(wanted: argparse.Namespace) -> int:
     """
     Write the report of one run of a record.
 
     :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read.
+    :raises UnreadableError: if the record or the run cannot be read, or lacks the part.
     """
-    wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
         run = runs.choose(wanted.run)
         kept = runs.read(run)
@@ -67,7 +64,7 @@ def main(arguments: Sequence[str]) -> int:
     try:
         part = _part(account, wanted.start, wanted.end, wanted.kart)
     except ValueError as error:
-        options().error(str(error))
+        raise UnreadableError(str(error)) from error
     written = page(runs, account, part, sums, wanted.event)
     what = f'run {run.number}, {len(account.events)} events'
     return put(written, wanted.output, what) or (PARTLY if account.gaps else runs.code)

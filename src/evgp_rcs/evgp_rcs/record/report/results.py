@@ -10,7 +10,7 @@ Only the timekeeper classifies karts, so a race without timing has only the orde
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 import csv
 import io
 import pathlib
@@ -23,7 +23,7 @@ from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report import wording
 from evgp_rcs.record.report.model import Account, RaceAccount, Result
 from evgp_rcs.record.report.wording import Clock
-from evgp_rcs.record.runs import add_run_arguments, CALLED, open_runs, PARTLY, put, say
+from evgp_rcs.record.runs import open_runs, PARTLY, put, say
 from evgp_rcs.record.timing import Timing, timing_of
 
 COLUMNS = (
@@ -60,19 +60,19 @@ FORMULA = '=+-@\t\r\n'
 """First characters with which a spreadsheet may run a cell as a formula."""
 
 
-def options() -> argparse.ArgumentParser:
-    """Return the parser of `rcs_record results`."""
-    parser = argparse.ArgumentParser(
-        prog=f'{CALLED} results',
-        description="Write the results of each race as CSV: the timekeeper's places, laps, times "
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options and the help of `rcs_record results` to a parser."""
+    parser.description = (
+        "Write the results of each race as CSV: the timekeeper's places, laps, times "
         'and penalties, the order of FINISH, and who did not finish and why. A race that is under '
         'way has its results up to now. Without --run or --all, the table has the races of the '
-        "newest run's day, which begins after six hours or more without race control.",
-        epilog='This runs the rules again, which takes some 20 s per hour of the runs. A name or '
-        'text that a spreadsheet would run as a formula gets an apostrophe in front. '
-        'docs/record.md explains the columns.',
+        "newest run's day, which begins after six hours or more without race control."
     )
-    add_run_arguments(parser)
+    parser.epilog = (
+        'This runs the rules again, which takes some 20 s per hour of the runs. A name or '
+        'text that a spreadsheet would run as a formula gets an apostrophe in front. '
+        'docs/record.md explains the columns.'
+    )
     parser.add_argument('--all', action='store_true', help='the races of every run in the record')
     parser.add_argument(
         '-o',
@@ -81,7 +81,6 @@ def options() -> argparse.ArgumentParser:
         metavar='FILE',
         help='write this file instead of printing the results',
     )
-    return parser
 
 
 def runs_of(wanted: argparse.Namespace) -> tuple[list[Account], Timing, int]:
@@ -109,14 +108,13 @@ def runs_of(wanted: argparse.Namespace) -> tuple[list[Account], Timing, int]:
     return accounts, timing, code
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(wanted: argparse.Namespace) -> int:
     """
     Write the results of a run as CSV.
 
     :return: the exit code.
     :raises UnreadableError: if the record or the run cannot be read.
     """
-    wanted = options().parse_args(arguments)
     accounts, timing, code = runs_of(wanted)
     rows: list[tuple[str, ...]] = []
     runs = {account.kept.run.id for account in accounts}
