@@ -191,6 +191,12 @@ class Record:
         self.write()
         self._release()
 
+    def _release(self) -> None:
+        if self._database is not None:
+            self._database.close()
+        if self._claimed is not None:
+            self._claimed.close()
+
     def _claim(self) -> None:
         if self._claimed is not None:
             own = os.fstat(self._claimed.fileno())
@@ -217,15 +223,7 @@ class Record:
 
     def _open(self) -> None:
         """Open the file, and begin a new run if none has begun."""
-        database = sqlite3.connect(self._path, timeout=1.0, isolation_level=None)
-        try:
-            self._prepare(database)
-        except BaseException:
-            database.close()
-            raise
-        self._database = database
-
-    def _prepare(self, database: sqlite3.Connection) -> None:
+        database = self._database = sqlite3.connect(self._path, timeout=1.0, isolation_level=None)
         (version,) = database.execute('PRAGMA user_version').fetchone()
         tables = database.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]
         if tables and version != SCHEMA_VERSION:
@@ -237,21 +235,20 @@ class Record:
         database.execute('PRAGMA journal_mode = WAL')
         # FULL, so that a power failure loses nothing that was written.
         database.execute('PRAGMA synchronous = FULL')
-        begins = not self._run
-        with _transaction(database):
+        if self._run:
+            return
+        with database:
+            database.execute('BEGIN IMMEDIATE')
             if not tables:
                 for statement in _SCHEMA.split(';\n'):
                     database.execute(statement)
                 database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
-            if begins:
-                (last,) = database.execute('SELECT max(run) FROM block').fetchone()
-                began = Began(self._id, PROGRAM, time.time_ns())
-                first = Block(0, encode(began)).compressed()
-                run = (last or 0) + 1
-                database.execute('INSERT INTO block VALUES (?, 1, ?)', (run, first))
-        if begins:
-            self._run, self._blocks_written = run, 1
-            _checkpoint(database)
+            (last,) = database.execute('SELECT max(run) FROM block').fetchone()
+            run = (last or 0) + 1
+            first = Block(0, encode(Began(self._id, PROGRAM, time.time_ns()))).compressed()
+            database.execute('INSERT INTO block VALUES (?, 1, ?)', (run, first))
+        self._run, self._blocks_written = run, 1
+        _checkpoint(database)
 
     def _write(self) -> None:
         assert self._database is not None
@@ -261,7 +258,8 @@ class Record:
             (self._run, number, block)
             for number, block in enumerate(self._blocks, self._blocks_written + 1)
         ]
-        with _transaction(self._database):
+        with self._database:
+            self._database.execute('BEGIN IMMEDIATE')
             self._database.executemany('INSERT INTO block VALUES (?, ?, ?)', blocks)
             if self._memory is not None:
                 row = self._run, written(self._memory)
@@ -271,13 +269,6 @@ class Record:
         if self._memory is not None:
             _checkpoint(self._database)
             self._memory = None
-
-    def _release(self) -> None:
-        if self._database is not None:
-            self._database.close()
-            self._database = None
-        if self._claimed is not None:
-            self._claimed.close()
 
 
 _UNWRITABLE = (OSError, sqlite3.Error)
@@ -294,36 +285,25 @@ def _checkpoint(database: sqlite3.Connection) -> None:
     database.execute('PRAGMA wal_checkpoint(PASSIVE)')
 
 
-@contextlib.contextmanager
-def _transaction(database: sqlite3.Connection) -> Iterator[None]:
-    database.execute('BEGIN IMMEDIATE')
-    try:
-        yield
-        database.execute('COMMIT')
-    except BaseException:
-        if database.in_transaction:
-            database.execute('ROLLBACK')
-        raise
-
-
 def _left_behind(path: pathlib.Path) -> RaceMemory | None:
     """
     Return the last memory that was saved in a record; None if there is none.
 
     The disk need not be writable. A run that was cut off before it saved anything does not count.
     """
-    with contextlib.suppress(OSError):
-        if path.is_file():  # a pipe would block
-            for how in ('mode=ro', 'immutable=1'):  # the second one creates no file beside it
-                with contextlib.suppress(sqlite3.Error, ValueError):  # ValueError: damaged
-                    return _memory(f'{path.absolute().as_uri()}?{how}')
+    query = 'SELECT data FROM memory ORDER BY run DESC LIMIT 1'
+    for how in ('mode=ro', 'immutable=1'):  # the second one creates no file beside it
+        with contextlib.suppress(*_UNWRITABLE, ValueError):  # ValueError: damaged
+            if path.is_file():  # a pipe would block
+                with contextlib.closing(connection(path, how)) as database:
+                    found = database.execute(query).fetchone()
+                return None if found is None else read(RaceMemory, found[0])
     return None
 
 
-def _memory(uri: str) -> RaceMemory | None:
-    with contextlib.closing(sqlite3.connect(uri, uri=True, timeout=1.0)) as database:
-        found = database.execute('SELECT data FROM memory ORDER BY run DESC LIMIT 1').fetchone()
-    return None if found is None else read(RaceMemory, found[0])
+def connection(path: pathlib.Path, how: str) -> sqlite3.Connection:
+    """Open a record with parameters of SQLite's, such as ``mode=ro``."""
+    return sqlite3.connect(f'{path.absolute().as_uri()}?{how}', uri=True, timeout=1.0)
 
 
 # ----- to read a record -----------------------------------------------------------------------
@@ -340,8 +320,7 @@ def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
         raise FileNotFoundError(f'there is no {path}')
     # Beside a file that may change, SQLite needs files of its own, which it may not create here.
     is_final = not (path.with_name(f'{path.name}-wal').exists() or os.access(path.parent, os.W_OK))
-    how = 'immutable=1' if is_final else 'mode=ro'
-    database = sqlite3.connect(f'{path.absolute().as_uri()}?{how}', uri=True, timeout=1.0)
+    database = connection(path, 'immutable=1' if is_final else 'mode=ro')
     database.text_factory = lambda text: text.decode(errors='replace')
     return database
 

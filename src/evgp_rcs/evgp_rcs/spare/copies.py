@@ -35,7 +35,7 @@ from evgp_node.stream import BOOK
 from evgp_protocol import clock
 from evgp_rcs.karts.channel import ServerSettings
 from evgp_rcs.record.run_mark import leave_began, place
-from evgp_rcs.record.store import sessions
+from evgp_rcs.record.store import connection, sessions
 import yaml
 
 COPY_EVERY = 5.0
@@ -179,8 +179,7 @@ def _mappings(value: object) -> Iterator[dict[str, object]]:
 
 def _newest_event(record: pathlib.Path) -> int:
     # No program writes this file, so SQLite needs no further files beside it.
-    uri = f'{record.absolute().as_uri()}?immutable=1'
-    with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
+    with contextlib.closing(connection(record, 'immutable=1')) as database:
         newest = next(sessions(database), None)
         return 0 if newest is None else newest.last_ns
 

@@ -10,7 +10,6 @@ nothing else is there. An unknown result forbids the takeover as an answer does.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import errno
 import ipaddress
 import socket
@@ -35,22 +34,21 @@ def link(interface: str) -> str:
     )
 
 
-def ask(address: str, interface: str) -> str:
+def ask(address: str, interface: str = '') -> str:
     """
-    Ask for `ASK_FOR` whether another machine on the network of an interface has an address.
+    Ask for `ASK_FOR` whether another machine has an address.
 
     The questions are those of race control's own watch, but nothing is announced.
+
+    :param interface: where to ask; if empty, on each interface in the address's network.
     """
-    return _ask(address, interface, lambda card: card.name == interface)
+    where, ip = interface or f'the network of {address}', ipaddress.IPv4Address(address)
 
+    def there(card: Card) -> bool:
+        if interface:
+            return card.name == interface
+        return any(ip in own.network for own in card.addresses)
 
-def ask_where_it_is(address: str) -> str:
-    """Ask on each interface in an address's network whether another machine has the address."""
-    where, ip = f'the network of {address}', ipaddress.IPv4Address(address)
-    return _ask(address, where, lambda card: any(ip in own.network for own in card.addresses))
-
-
-def _ask(address: str, where: str, there: Callable[[Card], bool]) -> str:
     if not any(map(there, cards())):
         return f'this machine has no interface on {where} now, so it cannot know who else is there'
     watch = AddressWatch(

@@ -40,7 +40,7 @@ from evgp_rcs.spare.copies import (
     ROSTER,
     SpareError,
 )
-from evgp_rcs.spare.neighbours import ask, ask_where_it_is, connect, link
+from evgp_rcs.spare.neighbours import ask, connect, link
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
@@ -136,7 +136,7 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
     if officials := os.environ.get(INTERFACE, '').strip():
         looks.append(look_among_officials(officials))
     if source := (copy / ORIGIN).read_text(encoding='utf-8'):
-        looks.append(ask_where_it_is(source))
+        looks.append(ask(source))
     if reasons := '; '.join(filter(None, looks)):
         _say(f'REFUSED: {reasons}. Switch off and unplug the old machine, and plug this one in.')
         return IN_THE_WAY
