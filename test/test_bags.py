@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A race on real parts as a report, and as a bag that another reader than the writer's reads."""
+"""A race on real parts, replayed, as a report, and as a bag that another reader reads."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 from recorded_races import edit
+from rig.replaying import replay_without_difference
 from rosbags.highlevel import AnyReader
 import yaml
 
@@ -65,14 +66,23 @@ def bagged(record: pathlib.Path, code: int = 0) -> Published:
 
 @pytest.fixture(scope='module')
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
-    """Return the record of the very first race, which went to GREEN_GREEN and was stopped."""
+    """
+    Return the record of the very first race, which went to GREEN_GREEN and was stopped.
+
+    It is replayed without a difference while the race is on, and after it.
+    """
     folder = tmp_path_factory.mktemp('recorded')
+    record = folder / 'record.sqlite3'
     with WireRace(folder, [1]) as race:
         race.bring_to(RaceState.GREEN_GREEN)
         race.official.call('in_garage', track_safe=True)
+        (meanwhile,) = replay_without_difference(record)
         race.bring_to(RaceState.RED_RED)
         assert race.control.close() == 0
-    return folder / 'record.sqlite3'
+    (replayed,) = replay_without_difference(record)
+    assert replayed.inputs > meanwhile.inputs
+    assert replayed.orders >= 4  # as the kart connects, and one to each state
+    return record
 
 
 @pytest.fixture
@@ -84,6 +94,7 @@ def race(recorded: pathlib.Path, tmp_path: pathlib.Path) -> pathlib.Path:
 def test_the_report_of_a_real_race_tells_who_stopped_it_and_of_its_end_no_alert(
     race: pathlib.Path,
 ) -> None:
+    assert rcs_record(['replay', str(race)]) == 0
     page = race.with_name('report.html')
     assert rcs_record(['report', str(race), '-o', str(page)]) == 0
     text = re.sub('<[^>]*>', '', page.read_text(encoding='utf-8'))

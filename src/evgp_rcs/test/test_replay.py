@@ -337,9 +337,7 @@ HARMS: dict[str, Harm] = {
 
 @pytest.mark.parametrize('seed', range(2))
 @pytest.mark.parametrize('harm', HARMS)
-def test_what_was_changed_is_found_and_named_with_its_time(
-    harm: str, seed: int, path: pathlib.Path, capsys: Capture
-) -> None:
+def test_what_was_changed_is_found_and_named_with_its_time(harm: str, seed: int) -> None:
     entries = [*ended(seed)]
     HARMS[harm](entries, random.Random(seed))
     replay = Replay(kept(entries))

@@ -46,18 +46,6 @@ def run(path: pathlib.Path, ends_as: LastRun | None = None) -> LastRun:
     return mark.last_run
 
 
-def test_where_no_run_began_none_is_known(path: pathlib.Path) -> None:
-    assert run(path) is LastRun.NONE
-
-
-@pytest.mark.parametrize('ends_as', LastRun)
-def test_the_next_run_knows_how_the_last_one_ended(path: pathlib.Path, ends_as: LastRun) -> None:
-    for _ in range(3):
-        run(path, LastRun.ENDED)
-        run(path, ends_as)
-        assert run(path, LastRun.ENDED) is ends_as
-
-
 @pytest.mark.parametrize('before', ENDS)
 def test_a_run_that_began_and_died_is_known_to_every_later_one(
     path: pathlib.Path, before: LastRun
@@ -68,7 +56,9 @@ def test_a_run_that_began_and_died_is_known_to_every_later_one(
     assert run(path) is LastRun.UNKNOWN
 
 
-def test_a_start_that_served_nobody_leaves_the_mark_as_it_found_it(path: pathlib.Path) -> None:
+def test_the_next_run_knows_how_the_last_one_ended_and_may_leave_the_mark_as_it_found_it(
+    path: pathlib.Path,
+) -> None:
     for found in (LastRun.NONE, *LastRun):
         mark = RunMark(path)
         mark.end(mark.last_run)
@@ -153,13 +143,7 @@ def test_what_is_in_the_place_of_a_mark_proves_nothing_and_is_left_alone(
     mark.end(LastRun.ENDED)
     elsewhere = [each for each in path.parent.parent.rglob('elsewhere') if each.is_file()]
     assert all(each.read_text().strip() == 'ended' for each in elsewhere)
-    assert run_or_unknown(path) is LastRun.UNKNOWN
-
-
-def run_or_unknown(path: pathlib.Path) -> LastRun:
-    mark = RunMark(path)
-    mark.end(LastRun.UNKNOWN)
-    return mark.last_run
+    assert run(path, LastRun.UNKNOWN) is LastRun.UNKNOWN
 
 
 @pytest.fixture

@@ -54,8 +54,14 @@ def copy(first: pathlib.Path, folder: pathlib.Path) -> float:
 
 
 def packed(first: pathlib.Path, source: str = '') -> bytes:
-    record = str(first / 'record.sqlite3')
-    return fetch(source or str(first), 'karts.yaml', 'rcs.yaml', record)
+    return fetch(source or str(first), 'karts.yaml', 'rcs.yaml', str(first / 'record.sqlite3'))
+
+
+def record(first: pathlib.Path) -> None:
+    """Have race control record an event."""
+    written = Record(first / 'record.sqlite3')
+    written.put(Batch(0, [happened(1)]))
+    written.end()
 
 
 def happened(sequence: int) -> StampedEvent:
@@ -69,15 +75,15 @@ def test_each_copy_of_a_record_that_is_being_written_is_one_moment_of_it(
     begun, ended = threading.Event(), threading.Event()
 
     def race() -> None:
-        record, numbers = Record(first / 'record.sqlite3'), itertools.count(1)
+        written, numbers = Record(first / 'record.sqlite3'), itertools.count(1)
         while not ended.is_set():
             new = [happened(next(numbers)) for _ in range(10)]
-            record.put(Batch(new[0].sequence - 1, new))
+            written.put(Batch(new[0].sequence - 1, new))
             # Some go into the file itself: its two files change at once.
-            record.remember(RaceMemory(RaceState.IN_GARAGE, {}))
-            assert record.write(), record.error
+            written.remember(RaceMemory(RaceState.IN_GARAGE, {}))
+            assert written.write(), written.error
             begun.set()
-        record.end()
+        written.end()
 
     writer = threading.Thread(target=race)
     writer.start()
@@ -102,9 +108,8 @@ def test_each_copy_of_a_record_that_is_being_written_is_one_moment_of_it(
 def test_what_came_in_part_does_not_take_the_place_of_the_last_copy(
     cut: int, first: pathlib.Path, tmp_path: pathlib.Path
 ) -> None:
-    record, folder = Record(first / 'record.sqlite3'), tmp_path / 'spare'
-    record.put(Batch(0, [happened(1)]))
-    record.end()
+    record(first)
+    folder = tmp_path / 'spare'
     copy(first, folder)
     before = [(folder / name).read_bytes() for name in NAMES]
     (first / 'karts.yaml').write_text(KARTS.replace('A', 'B'))
@@ -120,7 +125,7 @@ def test_what_came_in_part_does_not_take_the_place_of_the_last_copy(
 def test_a_first_machine_without_all_of_it_is_told(
     missing: str, first: pathlib.Path, tmp_path: pathlib.Path
 ) -> None:
-    Record(first / 'record.sqlite3').end()
+    record(first)
     (first / missing).unlink()
     with pytest.raises(SpareError):
         copy(first, tmp_path / 'spare')
@@ -129,7 +134,7 @@ def test_a_first_machine_without_all_of_it_is_told(
 def test_the_book_of_laps_is_copied_too_if_there_is_one(
     first: pathlib.Path, tmp_path: pathlib.Path
 ) -> None:
-    Record(first / 'record.sqlite3').end()
+    record(first)
     folder = tmp_path / 'spare'
     copy(first, folder)
     assert not (folder / BOOK).exists()
@@ -157,9 +162,7 @@ def test_another_machine_is_asked_by_ssh_and_never_for_a_password(
     ssh.chmod(0o755)
     monkeypatch.setenv('PATH', f'{programs}:{os.environ["PATH"]}')
     monkeypatch.chdir(tmp_path)
-    record = Record(first / 'record.sqlite3')
-    record.put(Batch(0, [happened(1)]))
-    record.end()
+    record(first)
     source = 'anna@10.1.0.5:first'
 
     keep(packed(first, source), source, tmp_path)
@@ -192,7 +195,7 @@ def test_with_a_copy_the_mark_of_this_machine_says_began_and_another_port_is_lef
     parameters: str, name: str, first: pathlib.Path, tmp_path: pathlib.Path, marks: pathlib.Path
 ) -> None:
     """So no start here proves anything: race control may have raced on after the copy."""
-    Record(first / 'record.sqlite3').end()
+    record(first)
     (first / 'rcs.yaml').write_text(parameters)
     for each in (name, '4002'):
         RunMark(marks / each).end(LastRun.ENDED)
@@ -205,7 +208,7 @@ def test_with_a_copy_the_mark_of_this_machine_says_began_and_another_port_is_lef
 def test_without_a_mark_there_is_no_copy(
     wrong: str, first: pathlib.Path, tmp_path: pathlib.Path, marks: pathlib.Path
 ) -> None:
-    Record(first / 'record.sqlite3').end()
+    record(first)
     with pytest.raises(SpareError):
         (first / 'rcs.yaml').write_text(wrong)
         copy(first, tmp_path / 'spare')
@@ -222,9 +225,7 @@ def test_the_newest_copy_is_taken_and_after_a_takeover_what_that_has_made_of_it(
     monkeypatch.setenv('ROS_HOME', str(tmp_path))
     with pytest.raises(SpareError):
         latest()
-    record = Record(first / 'record.sqlite3')
-    record.put(Batch(0, [happened(1)]))
-    record.end()
+    record(first)
     copy(first, spare.copies())
     assert latest() == spare.copies()
     taken = spare.copies().rename(spare.copies().with_name('takeover-1'))
@@ -248,7 +249,7 @@ def test_once_a_takeover_has_used_the_copy_the_old_machine_is_copied_no_more(
 ) -> None:
     """It may be switched on again for its record, which is older than the one made here since."""
     monkeypatch.setenv('ROS_HOME', str(tmp_path))
-    Record(first / 'record.sqlite3').end()
+    record(first)
     taken = spare.copies().with_name('takeover-1')
 
     def keep_and_take(*given: Any) -> float:

@@ -139,7 +139,7 @@ class Record:
         """A phrase that says why the last attempt to write failed; empty if it succeeded."""
         with contextlib.suppress(*_UNWRITABLE):  # `write` reports these
             self._claim()
-        self.left_behind = _left_behind(path)
+        self.left_behind = left_behind(path)
         """The last memory that was saved; None if there is none."""
         self.write()
 
@@ -285,7 +285,7 @@ def _checkpoint(database: sqlite3.Connection) -> None:
     database.execute('PRAGMA wal_checkpoint(PASSIVE)')
 
 
-def _left_behind(path: pathlib.Path) -> RaceMemory | None:
+def left_behind(path: pathlib.Path) -> RaceMemory | None:
     """
     Return the last memory that was saved in a record; None if there is none.
 
