@@ -401,29 +401,6 @@ def test_where_entries_are_missing_the_replay_ends_and_says_so(
     assert 'missing' in capsys.readouterr().out
 
 
-def test_a_record_of_other_rules_is_replayed_and_says_so(
-    path: pathlib.Path, capsys: Capture
-) -> None:
-    an_ended_run().write(path, '0123456789abcdef')
-    assert main(['replay', str(path)]) == DONE
-    warning, _ = capsys.readouterr().out.splitlines()
-    assert '0123456789abcdef' in warning
-
-
-def test_a_record_that_was_cut_is_replayed_up_to_the_cut(
-    path: pathlib.Path, capsys: Capture
-) -> None:
-    running = a_run()
-    half = len(running.batches) // 2
-    running.batches = running.batches[:half]
-    running.log.take()  # lost too
-    running.write(path)
-    assert main(['replay', str(path)]) == DONE
-    counts, cut = capsys.readouterr().out.splitlines()
-    assert counts.endswith('no difference')
-    assert cut
-
-
 def test_a_run_without_its_beginning_says_plainly_that_it_cannot_be_replayed(
     path: pathlib.Path, capsys: Capture
 ) -> None:
@@ -469,16 +446,6 @@ def blocks_moved(path: pathlib.Path, chance: random.Random) -> None:
             database.execute(query, (numbers[-1] + 1, one))
 
 
-def block_garbled(path: pathlib.Path, chance: random.Random) -> None:
-    """Change one bit of a block."""
-    with contextlib.closing(sqlite3.connect(path)) as database, database:
-        blocks = database.execute('SELECT number, data FROM block').fetchall()
-        number, data = chance.choice(blocks)
-        garbled = bytearray(data)
-        garbled[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
-        database.execute('UPDATE block SET data = ? WHERE number = ?', (bytes(garbled), number))
-
-
 def bits_flipped(path: pathlib.Path, chance: random.Random) -> None:
     data = bytearray(path.read_bytes())
     for _ in range(chance.choice((1, 20, 1000))):
@@ -497,7 +464,7 @@ def stream_of(path: pathlib.Path, capsys: Capture) -> str:
     return str(capsys.readouterr().out)
 
 
-WHOLE = (blocks_moved, block_garbled, bits_flipped, truncated)
+WHOLE = (blocks_moved, bits_flipped, truncated)
 
 
 @pytest.mark.parametrize('seed', range(50))
