@@ -21,6 +21,8 @@ import time
 
 from evgp_node.results import Mark, MOST_PASSINGS, Standings
 from evgp_node.roster import Format
+from evgp_protocol.clock import duration
+from evgp_rcs import words
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.replay import Replay
 from evgp_rcs.record.report import wording
@@ -73,6 +75,9 @@ def _template() -> Template:
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
     )
     environment.filters.update(plain=plain, name=wording.name, hash=_hash, count=_count)
+    environment.globals.update(
+        duration=duration, numbered=words.numbered, STATUS=words.STATUS, wording=wording
+    )
     return environment.from_string(_file('page.html.j2'))
 
 
@@ -114,7 +119,6 @@ def page(
         races=part.races(account),
         alerts=part.alerts(account),
         clock=clock,
-        wording=wording,
         overall=_overall(account),
         lap_chart=_lap_chart,
         asked_about=lambda timing: [each for each in timing.passings if each.mark in ASKED_ABOUT],
@@ -174,7 +178,7 @@ def _overall(account: Account) -> list[Standings]:
 
 
 def _lap_chart(timing: Standings) -> list[list[int]]:
-    """Return the order of the karts at the end of lap 1, lap 2, and so on."""
+    """Return a row for each lap: its number, and the karts in the order in which they ended it."""
     ended: dict[int, list[float]] = {}
     for each in timing.karts:
         if each.total is not None:
@@ -183,16 +187,14 @@ def _lap_chart(timing: Standings) -> list[list[int]]:
             ended[each.kart] = [*itertools.accumulate(each.lap_times, initial=begun)][1:]
     most = max(map(len, ended.values()), default=0)
     return [
-        sorted(
-            (kart for kart in ended if len(ended[kart]) > lap), key=lambda kart: ended[kart][lap]
-        )
+        [lap + 1, *sorted((n for n in ended if len(ended[n]) > lap), key=lambda n: ended[n][lap])]
         for lap in range(most)
     ]
 
 
 def _stood(alert: Alert, account: Account) -> str:
     if alert.stands:
-        return f'until the end ({wording.duration(account.length - alert.event.at)})'
+        return f'until the end ({duration(account.length - alert.event.at)})'
     if alert.ended is None:
         return 'not known'
-    return wording.duration(alert.ended - alert.event.at)
+    return duration(alert.ended - alert.event.at)

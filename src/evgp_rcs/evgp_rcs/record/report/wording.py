@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import datetime
 
-from evgp_protocol.clock import duration as duration
+from evgp_protocol.clock import duration
 from evgp_rcs import words
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report.model import NOT_CONNECTED, NOT_KNOWN, Out, Stop, StopAnswer, Why
@@ -17,8 +17,6 @@ STATES = {state.name: said for state, said in words.STATES.items() if state is n
     NOT_CONNECTED: 'not connected',
     NOT_KNOWN: 'not known',
 }
-
-STATUS = words.STATUS
 
 SILENCES = {
     '': 'not acknowledged',
@@ -40,20 +38,10 @@ def name(text: str) -> str:
     return seen if len(seen) <= MOST_OF_A_NAME else f'{seen[:MOST_OF_A_NAME]}…'
 
 
-def exact(start: float, end: float) -> str:
-    """Return the time between two times, to the millisecond."""
-    return duration(end - start, 3)
-
-
 def command(kind: CommandKind | None, kart: int = 0) -> str:
     """Return the name of an official's command."""
     label = CATALOGUE[kind].label if kind else 'a command'
     return f'{label}, kart {kart}' if kart else label
-
-
-def karts(numbers: list[int]) -> str:
-    """Return a list of karts as text."""
-    return words.numbered(numbers) or 'no kart'
 
 
 class Clock:
@@ -108,10 +96,10 @@ def answers(stop: Stop, told: StopAnswer, clock: Clock) -> tuple[str, str, str, 
         what += f', already since {clock.at(band.start, 3)}'
     arrived = '' if band.what == NOT_KNOWN else 'not seen'
     if band.delivered is not None:
-        arrived = exact(band.start, band.delivered)
+        arrived = duration(band.delivered - band.start, 3)
     if band.acknowledged is not None:
         at = clock.at(band.acknowledged, 3)
-        return what, arrived, at, exact(band.start, band.acknowledged)
+        return what, arrived, at, duration(band.acknowledged - band.start, 3)
     silence = '' if band.what == NOT_KNOWN else SILENCES.get(told.then, TOLD_ELSE)
     return what, arrived, silence.format(clock.at(band.end, 3)), ''
 
