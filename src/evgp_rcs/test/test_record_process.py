@@ -51,14 +51,6 @@ def put(record: RecordProcess, *numbers: int, text: str = 'something') -> None:
     record.put(Batch(numbers[0] - 1, stamped))
 
 
-def make_sure(record: RecordProcess, within: float = PATIENCE) -> list[tuple[int, bool]]:
-    """Have a start wait for the disk, and return what it is told."""
-    told: list[tuple[int, bool]] = []
-    record.on_saved = lambda *saved: told.append(saved)
-    record.make_sure(7, RACING, within)
-    return told
-
-
 def wait_for(record: RecordProcess, found: Callable[[], object]) -> None:
     """Return once `found` is true, while what comes is taken in; there is no loop that does."""
     until = time.monotonic() + PATIENCE
