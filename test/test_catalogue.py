@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import fnmatch
 import pathlib
 import re
 import subprocess
@@ -134,26 +133,6 @@ def test_who_reads_the_catalogue_needs_no_ros() -> None:
     )
 
     subprocess.run([sys.executable, '-c', code], check=True)
-
-
-def test_the_documented_services_are_those_of_the_catalogue() -> None:
-    """A row is for one service or for several; one with a star is for all that have no other."""
-    _, *rows = table_rows('ros-interface.md', '### Services')
-    documented = {
-        name: (type_name.strip(' `'), request)
-        for names, type_name, request in rows
-        for name in re.findall(r'`~/([^`]+)`', names)
-    }
-    used = set()
-    for entry in CATALOGUE.values():
-        stars = [each for each in documented if fnmatch.fnmatch(entry.service, each)]
-        (name,) = [entry.service] if entry.service in documented else stars
-        used.add(name)
-        type_name, request = documented[name]
-        assert type_name == f'evgp_rcs_msgs/{entry.service_type}'
-        assert set(re.findall(r'`[^`]+ (\w+)`', request)) == set(fields_of(entry)) - {'official'}
-
-    assert used == set(documented)
 
 
 def test_the_rules_name_the_service_of_every_command() -> None:
