@@ -13,12 +13,10 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable
-import dataclasses
 import pathlib
 import re
 from typing import Any
 
-from evgp_inspection.limits import SurveyLimits
 from evgp_inspection.survey import LOST
 from evgp_inspection.traces import BEAT
 from evgp_kart_bridge.node import read_settings as read_bridge_settings
@@ -177,16 +175,6 @@ def test_what_teams_build_karts_by_says_what_the_code_does(
 def test_the_survey_plays_race_control_as_it_is() -> None:
     assert pytest.approx(1 / RATE) == BEAT
     assert race_control.defaults['send_timeout'] == LOST
-
-
-def test_the_network_document_has_the_limits_of_the_survey() -> None:
-    rows = re.findall(
-        r'^\| [^|]+ \| ([\d.]+)(?: s)? \| `--([\w-]+)` \|',
-        text_of('docs/network.md'),
-        re.MULTILINE,
-    )
-    limits = dataclasses.asdict(SurveyLimits())
-    assert {name.replace('-', '_'): float(limit) for limit, name in rows} == limits
 
 
 # ----- one name, one meaning ---------------------------------------------------------------
