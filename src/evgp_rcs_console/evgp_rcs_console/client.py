@@ -375,8 +375,12 @@ class Client:
             if ended:
                 self._listener.on_pressing(self._standing.pressed)
         for given in ended:
-            age, name = round(at - given.at), texts.full_name(given)
-            self._listener.on_dropped(given, texts.DROPPED.format(command=name, age=age))
+            why = (
+                f'{texts.full_name(given)}, pressed {round(at - given.at)} s ago, is no longer '
+                f'being sent, because race control did not answer and another race has begun '
+                f'since then. Press again to stop that race.'
+            )
+            self._listener.on_dropped(given, why)
         if self._hears:
             self._listener.on_race(race, at, two)
 

@@ -305,12 +305,13 @@ class Terminal:
         teams = {kart.number: kart.team for kart in race.karts}
         lines = [results.title(found)]
         if found.grid:
-            lines.append(texts.GRID.format(karts=', '.join(map(str, found.grid))))
+            lines.append(f'Grid: {", ".join(map(str, found.grid))}')
         if found.karts or found.overall:
             lines += aligned(results.table(found, teams))
         lines += [f'For the timekeeper: {each}' for each in found.questions]
         if found.races:
-            lines += ['', texts.RACES, *aligned(results.races(found))]
+            headings = 'Races: number, time the grid formed, heat, classified karts'
+            lines += ['', headings, *aligned(results.races(found))]
         if found.passings:
             headings = (
                 'Passings: time since GREEN GREEN, kart, source, session and number, outcome'

@@ -28,7 +28,7 @@ from evgp_rcs_console.widgets import (
 COMMAND, BESIDE = 72, 10
 """Width of a command's column, and the margin in the other columns, in pixels."""
 
-NUMBER, TEAM, SENT, _, LINK, _ = range(len(COLUMNS))
+NUMBER, TEAM, SENT, LINK = map([*COLUMNS].index, ('Kart', 'Team', 'Sent, for', 'Link'))
 
 HEADING, TILES = 22, 36
 """Heights of the heading and of the tiles, in pixels."""

@@ -25,6 +25,36 @@ from evgp_rcs_console import texts
 
 Key = tuple[AlertKind, int]
 
+NO_SINGLE_KART = 'the whole race'
+ALERT_MSR, ALERT_OTHER, ALERT_ENDED = '⚠ USE THE MSR', '! ALERT', 'ENDED'
+ALERT_WAS = {
+    AlertKind.NOT_READY: '{kart} was not ready',
+    AlertKind.GREEN_UNACKNOWLEDGED: '{kart} had not acknowledged GREEN GREEN',
+    AlertKind.FLAG_UNACKNOWLEDGED: '{kart} had not acknowledged RED FLAG',
+    AlertKind.RED_UNACKNOWLEDGED: '{kart} had not acknowledged RED RED',
+    AlertKind.KART_LOST: '{kart} had lost its connection',
+    AlertKind.LOST_IN_MOTION: '{kart} lost its connection, perhaps while moving',
+    AlertKind.TRACK_UNSAFE: 'the track was open but not safe',
+    AlertKind.MOVING_UNASKED: '{kart} reported GREEN GREEN without being asked to',
+    AlertKind.RECORD_FAILING: 'the record failed',
+    AlertKind.TWO_RACE_CONTROLS: 'two race controls were running',
+    AlertKind.LINK_POOR: '{kart} had a poor link',
+    AlertKind.TWO_PROGRAMS: '{kart} had two programs trying to control it',
+    AlertKind.NOBODY_THERE: 'no official could stop the race',
+    AlertKind.BUTTON_FAULT: 'a stop button did not work',
+    AlertKind.PART_FAILED: 'part of race control had failed',
+    AlertKind.GRAPH_TROUBLE: "the officials' network had a fault",
+}
+"""What each alert was about, shown once it has ended."""
+
+NEW_RUN = '— race control was restarted —'
+
+
+def alert_was(kind: AlertKind, kart: int) -> str:
+    """Return what an alert that has ended was about, as a sentence."""
+    about = ALERT_WAS[kind].format(kart=f'kart {kart}')
+    return f'{about[:1].upper()}{about[1:]}'
+
 
 @dataclass(frozen=True)
 class Notice:
@@ -57,8 +87,8 @@ class Notice:
     def heading(self) -> str:
         """Return in a word or two what to do, or that the alert has ended."""
         if not self.lasts:
-            return texts.ALERT_ENDED
-        return texts.ALERT_MSR if self.use_msr else texts.ALERT_OTHER
+            return ALERT_ENDED
+        return ALERT_MSR if self.use_msr else ALERT_OTHER
 
     @property
     def text(self) -> str:
@@ -66,7 +96,7 @@ class Notice:
         # The sentence also says what to do, which no longer applies.
         if self.said or self.alert is None:
             return self.said
-        return self.alert.text if self.lasts else texts.alert_was(self.alert.kind, self.kart)
+        return self.alert.text if self.lasts else alert_was(self.alert.kind, self.kart)
 
     def __str__(self) -> str:
         return f'{self.heading}: {self.text}'
@@ -153,7 +183,7 @@ class AlertBook:
         ended = [notice for notice in self.notices if not notice.lasts]
         if len(ended) > 1:
             karts = sorted({notice.kart for notice in ended if notice.kart})
-            about = f'{len(ended)} alerts: {numbered(karts) or texts.NO_SINGLE_KART}'
+            about = f'{len(ended)} alerts: {numbered(karts) or NO_SINGLE_KART}'
             ended = [replace(ended[-1], said=about)]
         lasting = [notice for notice in self.notices if notice.lasts]
         return sorted([*lasting, *ended], key=rank)
@@ -172,7 +202,7 @@ def summary(notices: Sequence[Notice], places: int) -> Cell:
     parts = [f'{count} {which}' for count, which in counted if count]
     if any(each.lasts for each in hidden):
         karts = sorted({each.kart for each in hidden if each.lasts and each.kart})
-        parts.append(f'not shown: {numbered(karts) or texts.NO_SINGLE_KART}')
+        parts.append(f'not shown: {numbered(karts) or NO_SINGLE_KART}')
     return Cell('; '.join(parts), tone)
 
 
@@ -239,7 +269,7 @@ GARAGE is not among them, because race control's sentence also says which karts 
 
 _OF_KARTS = {
     EventKind.CONNECTED: ' connected',
-    EventKind.ACKNOWLEDGED: texts.LOG_ACKNOWLEDGED,
+    EventKind.ACKNOWLEDGED: ' acknowledged {state}',
     EventKind.KART_STATE: ': {state}',
 }
 """Events that one line can show for several karts, and what it says about them."""
@@ -261,7 +291,7 @@ class EventLog:
     def add(self, stamped: StampedEvent) -> None:
         """Add an event as a new line or to the last line, or leave it out if shown elsewhere."""
         if stamped.sequence <= self._last:
-            self._lines.append(Line('', True, texts.NEW_RUN))
+            self._lines.append(Line('', True, NEW_RUN))
         self._last, event = stamped.sequence, stamped.event
         at = time_of_day(stamped.wall_ns // 1_000_000_000)
         line = self._line(at, event)
@@ -297,9 +327,10 @@ class EventLog:
             what = _OF_KARTS[event.kind].format(state=state)
             told = self._of_karts(karts, what)
         elif event.kind is EventKind.ALL_ACKNOWLEDGED:
-            told, what = self._told(event), texts.LOG_ACKNOWLEDGED.format(state=state)
+            told = self._told(event)
+            what = _OF_KARTS[EventKind.ACKNOWLEDGED].format(state=state)
         elif event.kind is EventKind.ALERT_CLEARED and event.alert is not None:
-            told = f'{texts.ALERT_ENDED}: {texts.alert_was(event.alert, event.kart)}'
+            told = f'{ALERT_ENDED}: {alert_was(event.alert, event.kart)}'
         else:
             told = f'{"" if event.success else texts.REFUSED}{self._told(event)}'
         is_command = event.kind is EventKind.COMMAND

@@ -64,7 +64,8 @@ class Asked:
         """Return what an official confirms with YES."""
         command, statement, kart = self.command, self.offered.statement, self.kart
         if command is CommandKind.OPEN_TRACK and self.race.track.msr_used:
-            return f'{statement}; {texts.OPEN_BY_MSR}' if statement else texts.OPEN_BY_MSR
+            by_msr = 'the MSR is on, every kart is standing still, and teams may go onto the track'
+            return f'{statement}; {by_msr}' if statement else by_msr
         if statement:
             return statement
         if (confirmed := CATALOGUE[command].condition) and (kart or '{kart}' not in confirmed):
@@ -205,6 +206,6 @@ def _held(kart: KartSnapshot) -> str:
 def also(following: Sequence[Given]) -> str:
     """Return what YES, AND ALSO confirms with IN GARAGE: an open track, or karts made safe."""
     if following[0].command is CommandKind.OPEN_TRACK:
-        first = f'{texts.ASK_AND_OPEN}: {NO_RACE_ANYWHERE}'
-        return first if following[0].stated else texts.ASK_AND_OPEN
+        teams = 'Teams may go onto the track'
+        return f'{teams}: {NO_RACE_ANYWHERE}' if following[0].stated else teams
     return f'{numbered(each.kart for each in following)} made safe by hand'

@@ -12,6 +12,8 @@ from evgp_node.results import KartResult, lap_time, Mark, Standings
 from evgp_rcs.words import STATUS, time_of_day
 from evgp_rcs_console import texts
 
+HEADINGS = ('', 'Kart', 'Team', 'Laps', 'Total', 'Last', 'Best', 'Status, penalties')
+
 
 def position(results: Standings, number: int) -> str:
     """Return a kart's position, if it has one, and its laps; empty if it did not start."""
@@ -50,10 +52,10 @@ def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]
     def rows(karts: Iterable[KartResult]) -> Iterator[tuple[str, ...]]:
         return (_row(kart, teams.get(kart.kart, '')) for kart in karts)
 
-    headed = [texts.RESULT_HEADINGS, *rows(results.karts)]
+    headed = [HEADINGS, *rows(results.karts)]
     if results.overall in ((), results.karts):
         return headed
-    heading = [''] * len(texts.RESULT_HEADINGS)
+    heading = [''] * len(HEADINGS)
     heading[2] = f'All heats, {results.format.value.replace("_", " ")}'
     return [*headed, tuple(heading), *rows(results.overall)]
 

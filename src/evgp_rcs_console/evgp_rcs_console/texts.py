@@ -10,21 +10,18 @@ labels of the commands are in the catalogue.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 import math
 
-from evgp_node.results import Act, Standings
+from evgp_node.results import Act
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.race import AlertKind, Heat
 from evgp_rcs.rules.snapshot import Snapshot
-from evgp_rcs.words import numbered, STATES, time_of_day
+from evgp_rcs.words import numbered, STATES
 from evgp_rcs_console.catalogue import CATALOGUE, Kind
 from evgp_rcs_console.commands import Given
 
 TITLE = 'EVGP race control'
-
 BANNER = '=== {banner} ==='
-
 
 HOW_TO_BEGIN = (
     '1  List the karts in a roster. Start race control: make run ROSTER=… Each kart gets a row.',
@@ -38,13 +35,6 @@ MAY_MOVE = 'may be moving'
 MSR_STOPS_IT = 'only the MSR can stop it: make it safe once the track is open'
 HELD = 'held: {reason}'
 LAST_LAP_DONE = 'last lap done: FINISH'
-ANSWERS = {
-    RaceState.GRID_ACTIVE: '✓ ready',
-    RaceState.GREEN_GREEN: '✓ driving',
-    RaceState.RED_FLAG: '✓ stopped',
-    RaceState.RED_RED: '✓ stopped',
-}
-"""What a row shows once the kart has acknowledged the state that it is being sent."""
 
 TRACK_OPEN = '✓ TRACK OPEN'
 TRACK_CLOSED = '✗ TRACK CLOSED'
@@ -55,34 +45,7 @@ CLEAR_TRACK = '✗ NOT SAFE: CLEAR THE TRACK'
 UNHEARD_CLOSED = '✗ TRACK CLOSED, NO KART CONNECTED'
 UNHEARD_OPEN = '? TRACK OPEN, NO KART CONNECTED'
 HUMANS_UNKNOWN_REASON = 'race control cannot tell what karts are doing: check each one'
-OPEN_BY_MSR = 'the MSR is on, every kart is standing still, and teams may go onto the track'
 
-NO_SINGLE_KART = 'the whole race'
-ALERT_MSR = '⚠ USE THE MSR'
-ALERT_OTHER = '! ALERT'
-ALERT_ENDED = 'ENDED'
-ALERT_WAS = {
-    AlertKind.NOT_READY: '{kart} was not ready',
-    AlertKind.GREEN_UNACKNOWLEDGED: '{kart} had not acknowledged GREEN GREEN',
-    AlertKind.FLAG_UNACKNOWLEDGED: '{kart} had not acknowledged RED FLAG',
-    AlertKind.RED_UNACKNOWLEDGED: '{kart} had not acknowledged RED RED',
-    AlertKind.KART_LOST: '{kart} had lost its connection',
-    AlertKind.LOST_IN_MOTION: '{kart} lost its connection, perhaps while moving',
-    AlertKind.TRACK_UNSAFE: 'the track was open but not safe',
-    AlertKind.MOVING_UNASKED: '{kart} reported GREEN GREEN without being asked to',
-    AlertKind.RECORD_FAILING: 'the record failed',
-    AlertKind.TWO_RACE_CONTROLS: 'two race controls were running',
-    AlertKind.LINK_POOR: '{kart} had a poor link',
-    AlertKind.TWO_PROGRAMS: '{kart} had two programs trying to control it',
-    AlertKind.NOBODY_THERE: 'no official could stop the race',
-    AlertKind.BUTTON_FAULT: 'a stop button did not work',
-    AlertKind.PART_FAILED: 'part of race control had failed',
-    AlertKind.GRAPH_TROUBLE: "the officials' network had a fault",
-}
-"""What each alert was about, shown once it has ended."""
-
-LOG_ACKNOWLEDGED = ' acknowledged {state}'
-NEW_RUN = '— race control was restarted —'
 REFUSED = '✗ '
 
 GONE = 'RACE CONTROL IS GONE'
@@ -94,10 +57,6 @@ NOT_YET_REASON = 'race control has not been found yet'
 FAILED = 'RACE CONTROL HAS FAILED'
 TWO = 'TWO RACE CONTROLS'
 TWO_ADVICE = 'ALL KILL, THEN SHUT ONE DOWN'
-DROPPED = (
-    '{command}, pressed {age} s ago, is no longer being sent, because race control did not '
-    'answer and another race has begun since then. Press again to stop that race.'
-)
 KEYS_OFF_LARGE = 'KEYS OFF'
 
 NOT_ALLOWED = (
@@ -107,39 +66,20 @@ NOT_ALLOWED = (
 ANSWER_NO = 'Nothing was sent: the question has changed. Press N and start again.'
 
 ASK_STATE = 'I state: {condition}.'
-ASK_AND_OPEN = 'Teams may go onto the track'
 ASK_WARNING = 'Warning: {warning}.'
 
-GRID = 'Grid: {karts}'
 ORDER_OF_FINISH, RESULTS = 'Order of FINISH', 'Results'
 NO_TIMING = 'no timing'
 NO_TIMING_REASON = (
     "no timing, so the lap is unknown. For FINISH, type the kart's number, then press Ctrl+E"
 )
 
-PASSINGS = 'Passings: time since GREEN GREEN, kart, source, session and number, outcome'
-RACES = 'Races: number, time the grid formed, heat, classified karts'
-RESULT_HEADINGS = ('', 'Kart', 'Team', 'Laps', 'Total', 'Last', 'Best', 'Status, penalties')
-
 NOT_KEPT = 'Your choice was not saved for the next start: {error}'
-
-NO_QT = (
-    "rcs_gui: Qt for Python or one of its libraries is missing. Install it with 'apt-get install "
-    "python3-pyqt6' on Ubuntu 24.04, or 'pip install PySide6-Essentials' and 'apt-get install "
-    "qt6-qpa-plugins libgl1 libxcb-cursor0'."
-)
-NO_DISPLAY = 'rcs_gui: no screen is available. Set DISPLAY or WAYLAND_DISPLAY.'
 
 
 def left(seconds: float) -> int:
     """Return a countdown in whole seconds, rounded up so that it never ends too soon."""
     return max(1, math.ceil(seconds))
-
-
-def alert_was(kind: AlertKind, kart: int) -> str:
-    """Return what an alert that has ended was about, as a sentence."""
-    about = ALERT_WAS[kind].format(kart=f'kart {kart}')
-    return f'{about[:1].upper()}{about[1:]}'
 
 
 def without_teams(text: str, teams: Mapping[int, str]) -> str:
@@ -156,55 +96,6 @@ def command_name(command: Kind, kart: int = 0) -> str:
 def full_name(given: Given) -> str:
     name = command_name(given.command, given.kart)
     return f'{name} {given.heat}' if given.heat else name
-
-
-def heat(
-    each: Heat, timing: Standings | None, in_race: bool = False, is_next: bool = False
-) -> str:
-    """Return a heat and its karts, in the starting order if the timekeeper has set one."""
-    grid = grid_of(each.name, timing)
-    text = f'{each.name}: {_numbers(grid or each.karts)}'
-    notes = [f'run at {time_of_day(at)[:5]}' for at in runs_of(each.name, timing)[-1:]]
-    notes += ['in grid order'] * (len(grid) > 1)
-    notes += ['next'] * is_next + ['in the race'] * in_race
-    return f'{text}  ({", ".join(notes)})' if notes else text
-
-
-def runs_of(heat: str, timing: Standings | None) -> list[float]:
-    """Return the times (s) at which the timekeeper saw a heat run; empty if it never did."""
-    return [] if timing is None else [each.stamp for each in timing.races if each.heat == heat]
-
-
-def next_heat(race: Snapshot, timing: Standings | None) -> str:
-    """Return the timekeeper's choice of the next heat, or the first heat that has not been run."""
-    if timing is None or timing.next_heat:
-        return timing.next_heat if timing is not None else ''
-    left = (each.name for each in race.heats if not runs_of(each.name, timing))
-    return next((name for name in left if name != race.heat), '')
-
-
-def grid_of(heat: str, timing: Standings | None) -> tuple[int, ...]:
-    """Return the starting order of a heat; empty if the timekeeper has set none."""
-    found = () if timing is None else (each.karts for each in timing.grids if each.name == heat)
-    return next(iter(found), ())
-
-
-def order_of_start(race: Snapshot, timing: Standings | None) -> str:
-    """Return the starting order and the next single-kart heat; empty if there is neither."""
-    orders = []
-    grid = grid_of(race.heat, timing)
-    if race.state in (RaceState.IN_GARAGE, RaceState.GRID_ACTIVE) and len(grid) > 1:
-        orders.append(GRID.format(karts=_numbers(grid)))
-    orders += [
-        f'Next: kart {_numbers(heat.karts)} ({heat.name})'
-        for heat in race.heats
-        if timing is not None and heat.name == timing.next_heat
-    ]
-    return ' · '.join(orders)
-
-
-def _numbers(karts: Iterable[int]) -> str:
-    return ', '.join(map(str, karts))
 
 
 def in_doubt(race: Snapshot) -> str:
@@ -271,7 +162,7 @@ def missing(race: Snapshot) -> str:
     ]
     if not late:
         return ''
-    return f'waiting for {_numbers(kart.number for kart in late)}'
+    return f'waiting for {", ".join(str(kart.number) for kart in late)}'
 
 
 def heat_in_race(race: Snapshot) -> str:

@@ -22,7 +22,7 @@ from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality
-from evgp_rcs.rules.race import AlertKind, Availability, Event, EventKind
+from evgp_rcs.rules.race import AlertKind, Availability, Event, EventKind, Heat
 from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
 from evgp_rcs.words import (
     Cell,
@@ -83,6 +83,14 @@ and so on. Each kart therefore keeps its key."""
 MOST_BARS = 4
 BARS = {Grade.UNKNOWN: 0, Grade.GOOD: MOST_BARS, Grade.FAIR: 2, Grade.POOR: 1}
 """Number of bars shown for each grade of link, out of ``MOST_BARS``; 0 draws no bars."""
+
+ANSWERS = {
+    RaceState.GRID_ACTIVE: '✓ ready',
+    RaceState.GREEN_GREEN: '✓ driving',
+    RaceState.RED_FLAG: '✓ stopped',
+    RaceState.RED_RED: '✓ stopped',
+}
+"""What a row shows once the kart has acknowledged the state that it is being sent."""
 
 BEGINS_WITHIN = 30.0
 """Time after GREEN_GREEN within which each kart must begin to drive, in seconds (§3.A)."""
@@ -326,7 +334,16 @@ class Screen:
     @property
     def order(self) -> str:
         """Return the starting order of the heat's karts, and the next single-kart heat."""
-        return texts.order_of_start(self.snapshot, self.results)
+        race, timing = self.snapshot, self.results
+        orders, grid = [], _grid_of(race.heat, timing)
+        if race.state in (RaceState.IN_GARAGE, RaceState.GRID_ACTIVE) and len(grid) > 1:
+            orders.append(f'Grid: {_listed(grid)}')
+        orders += [
+            f'Next: kart {_listed(heat.karts)} ({heat.name})'
+            for heat in race.heats
+            if timing is not None and heat.name == timing.next_heat
+        ]
+        return ' · '.join(orders)
 
     # ----- the race -----------------------------------------------------------------------
 
@@ -479,19 +496,34 @@ class Screen:
     @functools.cached_property
     def heats(self) -> tuple[Button, ...]:
         """Return the buttons that put a heat into the race. Typing a heat's number focuses it."""
-        race, button = self.snapshot, self.race_button(CommandKind.SET_HEAT)
-        following = texts.next_heat(race, self.results)
+        button = self.race_button(CommandKind.SET_HEAT)
         return tuple(
             replace(
                 button,
                 gives=replace(button.gives, heat=heat.name, karts=heat.karts),
-                label=texts.heat(
-                    heat, self.results, heat == race.heat_in_race, heat.name == following
-                ),
+                label=self._heat(heat),
                 key=str(number),
             )
-            for number, heat in enumerate(race.heats, 1)
+            for number, heat in enumerate(self.snapshot.heats, 1)
         )
+
+    def _heat(self, heat: Heat) -> str:
+        """Return a heat and its karts, in the starting order if the timekeeper has set one."""
+        grid, runs = _grid_of(heat.name, self.results), _runs_of(heat.name, self.results)
+        notes = [f'run at {time_of_day(at)[:5]}' for at in runs[-1:]]
+        notes += ['in grid order'] * (len(grid) > 1) + ['next'] * (heat.name == self.next_heat)
+        notes += ['in the race'] * (heat == self.snapshot.heat_in_race)
+        text = f'{heat.name}: {_listed(grid or heat.karts)}'
+        return f'{text}  ({", ".join(notes)})' if notes else text
+
+    @property
+    def next_heat(self) -> str:
+        """Return the timekeeper's choice of the next heat, or the first that has not been run."""
+        race, timing = self.snapshot, self.results
+        if timing is None or timing.next_heat:
+            return timing.next_heat if timing is not None else ''
+        left = (each.name for each in race.heats if not _runs_of(each.name, timing))
+        return next((name for name in left if name != race.heat), '')
 
     @property
     def rosters(self) -> tuple[Button, ...]:
@@ -734,6 +766,21 @@ def present(results: Standings | None, at: float) -> Standings | None:
     return results if is_new else None
 
 
+def _runs_of(heat: str, timing: Standings | None) -> list[float]:
+    """Return the times (s) at which the timekeeper saw a heat run; empty if it never did."""
+    return [] if timing is None else [each.stamp for each in timing.races if each.heat == heat]
+
+
+def _grid_of(heat: str, timing: Standings | None) -> tuple[int, ...]:
+    """Return the starting order of a heat; empty if the timekeeper has set none."""
+    found = () if timing is None else (each.karts for each in timing.grids if each.name == heat)
+    return next(iter(found), ())
+
+
+def _listed(karts: Sequence[int]) -> str:
+    return ', '.join(map(str, karts))
+
+
 def _humans(race: Snapshot, danger: Danger | None) -> tuple[Cell, str]:
     """
     Return whether humans are allowed on the track, and why.
@@ -874,7 +921,7 @@ def _answer(kart: KartSnapshot, now: float, missing: Tone) -> Cell:
             return Cell('! may move', Tone.BAD)
         return Cell(f'… wait {texts.left(kart.settles_at - now)} s', Tone.WAIT)
     if kart.acknowledged:
-        return Cell(texts.ANSWERS[kart.sent], Tone.GOOD)
+        return Cell(ANSWERS[kart.sent], Tone.GOOD)
     if kart.stopped_itself:
         return Cell('! stopped itself', Tone.BAD)
     if kart.counts_at is not None and kart.counts_at > now:

@@ -192,6 +192,7 @@ class Text(QtWidgets.QLabel):
     ) -> None:
         self._flows, self._fills = flows, fills
         self._kind, self._smaller = kind, smaller
+        self._cell: Cell | None = None
         super().__init__(text)
         self.setObjectName(name)
         self.setProperty('kind', kind)
@@ -225,9 +226,11 @@ class Text(QtWidgets.QLabel):
 
     def show_cell(self, cell: Cell) -> None:
         """Show a text in its tone."""
-        if cell.text != self.text():
-            self.setText(cell.text)
-            self._fit()
+        if cell == self._cell:
+            return
+        self._cell = cell
+        self.setText(cell.text)
+        self._fit()
         if self._flows:
             self.setVisible(bool(cell.text))
         is_filled = self._fills and cell.tone in (Tone.WAIT, Tone.BAD, Tone.BANNER)

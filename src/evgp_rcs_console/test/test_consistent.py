@@ -18,7 +18,7 @@ from evgp_rcs.rules.race import Alert, AlertKind, TrackAccess
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import ALL_LOST, Cell, STATE_CELLS, STATES, tally, time_of_day, Tone
 from evgp_rcs_console import texts
-from evgp_rcs_console.notices import AlertBook
+from evgp_rcs_console.notices import ALERT_MSR, AlertBook
 from evgp_rcs_console.view import Danger, Screen, table
 from example_race import EVERYTHING, KART, RACE, replace, warning
 from hypothesis import given, settings
@@ -244,7 +244,7 @@ def the_terminal_says_what_the_window_says(race: Snapshot, _: Screen) -> None:
 
         for each in (screen.state.text, screen.since, tally(screen.snapshot), screen.humans.text):
             assert each in lines
-        assert lines.count(texts.ALERT_MSR) == sum(alert.use_msr for alert in race.alerts)
+        assert lines.count(ALERT_MSR) == sum(alert.use_msr for alert in race.alerts)
 
 
 SENTENCES = (

@@ -11,14 +11,22 @@ from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import Alert, AlertKind, Availability, Event, EventKind, StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import time_of_day
-from evgp_rcs_console import texts
 from evgp_rcs_console.client import spoken
-from evgp_rcs_console.notices import AlertBook, EventLog, Notice, OfficialNames, summary
+from evgp_rcs_console.notices import (
+    ALERT_OTHER,
+    ALERT_WAS,
+    AlertBook,
+    EventLog,
+    NEW_RUN,
+    Notice,
+    OfficialNames,
+    summary,
+)
 from evgp_rcs_msgs import msg
 from example_race import KART, offers, RACE, replace
 from recorded_races import PaperRace
 
-KART_ALERTS = [each for each in AlertKind if '{kart}' in texts.ALERT_WAS[each]]
+KART_ALERTS = [each for each in AlertKind if '{kart}' in ALERT_WAS[each]]
 
 
 def alert(kart: int) -> Alert:
@@ -85,7 +93,7 @@ def test_an_alert_that_was_seen_while_the_msr_was_on_is_new_when_it_asks_for_it_
     book = AlertBook()
     book.update([msr_alert(3)])
     book.update([replace(msr_alert(3), use_msr=False)])
-    assert [notice.heading for notice in book.shown] == [texts.ALERT_OTHER]
+    assert [notice.heading for notice in book.shown] == [ALERT_OTHER]
     see_all(book)
     assert not unseen(book)
 
@@ -254,7 +262,7 @@ def test_a_line_of_several_karts_is_of_each_of_them_and_only_what_is_the_same_jo
     assert add(6, 9, EventKind.ACKNOWLEDGED, flag) == 5
     # No event of a new run joins a line of the last run.
     assert add(1, 1, EventKind.CONNECTED) == 7
-    assert log.lines()[5].text == texts.NEW_RUN
+    assert log.lines()[5].text == NEW_RUN
 
 
 def test_a_stop_that_came_late_says_so_in_the_log() -> None:
