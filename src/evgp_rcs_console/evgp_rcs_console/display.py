@@ -154,7 +154,7 @@ class ChosenKart(KartField):
 
     def changed(self) -> None:
         karts = self._window.karts
-        self._window.number_field.show_cells(*self.cells(), self._window.isActiveWindow())
+        self._window.show_number(*self.cells())
         if self.kart != karts.table.chosen:
             karts.mark(self.kart)
             karts.bring_into_view(self.kart)

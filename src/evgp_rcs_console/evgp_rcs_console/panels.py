@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from evgp_rcs.rules.race import StampedEvent
-from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.notices import EventLog, OfficialNames
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
@@ -19,7 +18,6 @@ from evgp_rcs_console.widgets import (
     fixed,
     font,
     lay,
-    mark,
     Panel,
     Push,
     RIGHT,
@@ -84,24 +82,10 @@ def strip(heat: CommandButton) -> Panel:
     return lay(panel, parts, gap=10, margins=(10, 1, 6, 1), columns=columns)
 
 
-class NumberField(Panel):
-    """Shows the kart that a command by key acts on, or a note that the keys do not work."""
-
-    def __init__(self) -> None:
-        super().__init__('number_field')
-        self._title = Text('number', 'large bold', flows=True)
-        self._detail = Text('number_detail', wrap=True)
-        lay(self, (self._title, self._detail), gap=8, margins=(10, 3, 8, 3), columns=(0, 1))
-
-    def show_cells(self, title: Cell, detail: Cell, keys_work: bool) -> None:
-        ground = title.tone.value if title.tone is Tone.BAD else 'chosen' if title.text else ''
-        if not keys_work:
-            detail = Cell('ALL KILL works only with the mouse. Click this window.')
-            title, ground = Cell(texts.KEYS_OFF_LARGE), 'off'
-        mark(self, ground=ground)
-        # On a coloured background, the style sheet sets the colour of the text.
-        self._title.show_text(title.text)
-        self._detail.show_cell(detail._replace(tone=Tone.PLAIN) if ground else detail)
+def number_field() -> Panel:
+    """Return the area of the kart that a command by key acts on."""
+    parts = Text('number', 'large bold', flows=True), Text('number_detail', wrap=True)
+    return lay(Panel('number_field'), parts, gap=8, margins=(10, 3, 8, 3), columns=(0, 1))
 
 
 class EventPanel(Panel):

@@ -751,8 +751,10 @@ class Latest:
         return Screen(self.race or NOTHING, age, pending, self.danger(at), self.results)
 
 
-STEP_STATES = {kind: CATALOGUE[kind].result.race[0] for kind in RACE_COMMANDS}
-"""The state of the race to which each command to the race leads."""
+STEP_STATES = {
+    kind: CATALOGUE[kind].result.race[0] for kind in RACE_COMMANDS if CATALOGUE[kind].result.race
+}
+"""The state of the race to which commands to the race lead."""
 
 
 def present(results: Standings | None, at: float) -> Standings | None:

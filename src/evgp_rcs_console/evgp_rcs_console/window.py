@@ -131,10 +131,10 @@ class ConsoleWindow(QtWidgets.QWidget):
         self.karts, self.alerts = KartList(), fixed(AlertsArea(), height=198)
         how = '\n\n'.join(texts.HOW_TO_BEGIN)
         self.how_to_begin = Text('how_to_begin', 'large', wrap=True, text=how)
-        self.number_field = fixed(panels.NumberField(), height=48)
+        self._number_field = fixed(panels.number_field(), height=48)
         self.events = panels.EventPanel(self._names)
         side = QtWidgets.QWidget()
-        lay(side, [self.number_field], [self.alerts], [self.events], gap=GAP, heights=(0, 0, 1))
+        lay(side, [self._number_field], [self.alerts], [self.events], gap=GAP, heights=(0, 0, 1))
 
         self._status = Text('status', 'bold', wrap=True, fills=True, smaller='small')
         self._battery = fixed(Text('battery', 'bold', CENTER, fills=True, flows=True), 250)
@@ -294,6 +294,18 @@ class ConsoleWindow(QtWidgets.QWidget):
     def show_name(self, name: str) -> None:
         """Show the name of the official here; empty if it is not known."""
         self._official.show_words(f'Name: {name}' if name else 'Your name?')
+
+    def show_number(self, title: Cell, detail: Cell) -> None:
+        """Show the kart that a command by key acts on, or that the keys do not work."""
+        ground = title.tone.value if title.tone is Tone.BAD else 'chosen' if title.text else ''
+        if not self.isActiveWindow():
+            detail = Cell('ALL KILL works only with the mouse. Click this window.')
+            title, ground = Cell(texts.KEYS_OFF_LARGE), 'off'
+        if ground:  # on a coloured background, the style sheet sets the colour of the text
+            detail = detail._replace(tone=Tone.PLAIN)
+        mark(self._number_field, ground=ground)
+        self._texts['number'].show_text(title.text)
+        self._texts['number_detail'].show_cell(detail)
 
     def _show_banner(self, banner: str) -> None:
         if banner != self._banner.text():
