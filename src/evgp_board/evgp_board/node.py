@@ -77,8 +77,6 @@ class BoardNode(StrictNode):
         self._results = Standings(), -math.inf
         self._log: dict[int, tuple[Line, ...]] = {}
         self._last_event = (0, 0)
-        self._shown: tuple[object, ...] = ()
-        self._heard = Heard()
         self.create_subscription(msg.Race, 'race', self._hear_race, latched(1), raw=True)
         self.create_subscription(msg.Results, 'timekeeper/results', self._hear_results, latched(1))
         self.create_subscription(msg.RaceEvents, 'events', self._hear_events, latched(200))
@@ -96,7 +94,7 @@ class BoardNode(StrictNode):
     # ----- in ROS's thread ----------------------------------------------------------------
 
     def _hear_race(self, message: bytes) -> None:
-        # `_look` decodes the message, because many may arrive each second.
+        # `_look` decodes the message, because many may arrive at once.
         self._race = message, clock.now()
 
     def _hear_results(self, message: msg.Results) -> None:
@@ -136,17 +134,13 @@ class BoardNode(StrictNode):
         """
         keep_to_interface(self._listening, self._address)  # it may have been replugged
         if self._race is None:
-            return self._heard
-        (message, came), (results, timed), log = self._race, self._results, self._log
+            return Heard()
+        (message, came), (results, timed), race = self._race, self._results, None
+        with contextlib.suppress(ValueError):  # it does not fit this race control
+            race = value_of(deserialize_message(message, msg.Race), Snapshot)
+            refuse_karts_network(self._address, race)
         gone, no_timing = at - came >= GONE_AFTER, at - timed >= TIMING_GONE
-        shown = message, results, log, gone, no_timing
-        if [*map(id, shown)] != [*map(id, self._shown)]:
-            race = None
-            with contextlib.suppress(ValueError):  # it does not fit this race control
-                race = value_of(deserialize_message(message, msg.Race), Snapshot)
-                refuse_karts_network(self._address, race)
-            self._shown, self._heard = shown, Heard(race, results, gone, no_timing, log, came)
-        return self._heard
+        return Heard(race, results, gone, no_timing, self._log, came)
 
 
 def listen(address: str, port: int) -> socket.socket:

@@ -79,8 +79,7 @@ class Server:
     """
     The web server.
 
-    :param look: a function that returns the messages to show at a time, which are the same object
-        until something changes.
+    :param look: a function that returns the messages to show at a time.
     """
 
     def __init__(self, look: Callable[[float], Heard]) -> None:
@@ -119,12 +118,10 @@ class Server:
         try:
             while not ending.is_set():
                 at = clock.now()
-                heard = self._look(at)
-                if heard is not self._heard:
-                    self._heard = heard
-                    self._body.cache_clear()
-                    for each in SHOWS:  # a page that cannot be made ends the board
-                        self._body(each)
+                self._heard = self._look(at)
+                self._body.cache_clear()
+                for each in SHOWS:  # a page that cannot be made ends the board
+                    self._body(each)
                 self._looked.set()  # every viewer that waits looks once
                 self._looked.clear()
                 self._end_visits(at)

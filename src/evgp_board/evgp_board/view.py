@@ -260,12 +260,8 @@ def _gap(result: KartResult, results: Standings) -> str:
         return ''
     if results.format is Format.PRACTICE:
         return lap_time(result.lap_times[-1] if result.lap_times else None)
-    leader = results.karts[0]
-    if results.format is not Format.RACE or result is leader:
-        return lap_time(result.total)
-    if result.total is None or leader.total is None:
-        return lap_time(result.total)
-    return results.behind(result.kart)
+    gap = results.behind(result.kart) if results.format is Format.RACE else ''
+    return gap or lap_time(result.total)
 
 
 def _taken(result: KartResult) -> list[str]:

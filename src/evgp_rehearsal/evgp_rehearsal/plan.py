@@ -119,9 +119,9 @@ class Plan:
         return tuple(range(1, self.karts + 1))
 
 
-def read_plan(text: str) -> Plan:
+def read_plan(text: str, **changes: object) -> Plan:
     """
-    Return the plan in a YAML text.
+    Return the plan in a YAML text, with these changes.
 
     :raises PlanError: if the plan is wrong.
     """
@@ -129,11 +129,13 @@ def read_plan(text: str) -> Plan:
         given = yaml.safe_load(text)
         if not isinstance(given, dict):
             raise PlanError('the plan must be a YAML mapping, like config/rehearsal.yaml')
-        return _plan(given)
+        plan = _plan({**given, **changes})
     except PlanError:
         raise
     except (yaml.YAMLError, ValueError, TypeError, KeyError) as error:
         raise PlanError(f'the plan cannot be read: {error}') from error
+    _check(plan)
+    return plan
 
 
 def _plan(given: Mapping[str, Any]) -> Plan:
@@ -146,25 +148,18 @@ def _plan(given: Mapping[str, Any]) -> Plan:
     ability = Ability(**{name: float(value) for name, value in kart.items()})
     corners = tuple((float(x), float(y)) for x, y in given['track'])
     cues = (Cue(**line) for line in given.get('script') or ())
-    return checked(
-        Plan(
-            Track(corners),
-            ability,
-            int(given.get('karts', Plan.karts)),
-            int(given.get('laps', Plan.laps)),
-            spread,
-            int(given.get('seed', Plan.seed)),
-            tuple(Cue(each.incident, float(each.at), int(each.kart)) for each in cues),
-        )
+    return Plan(
+        Track(corners),
+        ability,
+        int(given.get('karts', Plan.karts)),
+        int(given.get('laps', Plan.laps)),
+        spread,
+        int(given.get('seed', Plan.seed)),
+        tuple(Cue(each.incident, float(each.at), int(each.kart)) for each in cues),
     )
 
 
-def checked(plan: Plan) -> Plan:
-    """
-    Return a plan, if it is possible.
-
-    :raises PlanError: if it is not.
-    """
+def _check(plan: Plan) -> None:
     corners, ability = plan.track.corners, dataclasses.astuple(plan.ability)
     figures = (*ability, *itertools.chain(*corners))
     for wrong, why in (
@@ -181,4 +176,3 @@ def checked(plan: Plan) -> Plan:
     ):
         if wrong:
             raise PlanError(f'the plan is not possible: {why}')
-    return plan

@@ -19,14 +19,13 @@ import pathlib
 import signal
 import sys
 import tempfile
-from typing import Any
 import webbrowser
 
 from ament_index_python.packages import get_package_share_directory
 from evgp_rehearsal.event import BANNER, Rehearsal
 from evgp_rehearsal.incidents import INCIDENTS, script_of
 from evgp_rehearsal.page import Page
-from evgp_rehearsal.plan import checked, Plan, PlanError, read_plan
+from evgp_rehearsal.plan import Plan, PlanError, read_plan
 from rich.console import Console
 from rich.text import Text
 
@@ -58,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     console = Console(highlight=False)
     try:
-        plan = load_plan(given.plan, given.seed, given.karts)
+        plan = _load_plan(given)
     except (PlanError, OSError) as error:
         parser.error(str(error))
     if not 0 <= given.bridged < plan.karts:
@@ -66,28 +65,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     with tempfile.TemporaryDirectory() as folder:
-        if given.incident:
-            plan = dataclasses.replace(plan, script=script_of(given.incident))
         return _train(console, plan, pathlib.Path(folder), given)
 
 
-def load_plan(file: pathlib.Path | None, seed: int | None, karts: int | None) -> Plan:
+def _load_plan(given: argparse.Namespace) -> Plan:
     """
-    Return the plan in a file, or the default plan, with these changes.
+    Return the plan in a file, or the default plan, with the changes that the arguments give.
 
     :raises PlanError: if the plan is wrong.
     :raises OSError: if the file cannot be read.
     """
-    if file is None:
-        shared = get_package_share_directory('evgp_rehearsal')
-        file = pathlib.Path(shared, 'config', 'rehearsal.yaml')
-    plan = read_plan(file.read_text(encoding='utf-8'))
+    shared = get_package_share_directory('evgp_rehearsal')
+    file = given.plan or pathlib.Path(shared, 'config', 'rehearsal.yaml')
+    asked = {name: getattr(given, name) for name in ('seed', 'karts')}
+    changes = {name: each for name, each in asked.items() if each is not None}
+    plan = read_plan(file.read_text(encoding='utf-8'), **changes)
     for cue in plan.script:
         if cue.incident not in INCIDENTS:
             raise PlanError(f'{file}: there is no incident {cue.incident}')
-    changes: dict[str, Any] = {'seed': seed, 'karts': karts}
-    given = {name: value for name, value in changes.items() if value is not None}
-    return checked(dataclasses.replace(plan, **given))
+    script = script_of(given.incident) if given.incident else plan.script
+    return dataclasses.replace(plan, script=script)
 
 
 def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.Namespace) -> int:
