@@ -181,20 +181,18 @@ class Laps:
                 continue
             anchor = anchors.setdefault((source, passing.session), crossing)
             at = anchor.at + (passing.stamp_ns - anchor.passing.stamp_ns) / 1e9
-            tolerance = self.settings.clock_tolerance
-            agrees = -tolerance - away <= at - came <= tolerance
-            timed = crossing._replace(at=at)
-            is_late = at < 0.0 and not any(
+            tolerance, timed = self.settings.clock_tolerance, crossing._replace(at=at)
+            if -tolerance <= at - came <= tolerance:
+                crossing = timed
+            elif -tolerance - away <= at - came < 0.0:  # only the timekeeper was late
+                crossing = timed._replace(came=at)
+            elif at < 0.0 and not any(
                 self._shows_jump(each, timed)
                 for each in (*reversed(crossings), *reversed(self.crossings))
-            )
-            if agrees and came - at > tolerance:  # only the timekeeper was late
-                crossing = timed._replace(came=at)
-            elif agrees or is_late:
+            ):
                 crossing = timed
-            if not agrees and is_late:
                 clocks.add(source)
-            elif not agrees:
+            else:
                 anchors[source, passing.session] = crossing
                 if came <= self.ended:
                     clocks.add(source)
