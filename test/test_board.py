@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Callable, Iterator
 import contextlib
 import dataclasses
@@ -265,6 +264,5 @@ def test_the_screenshots_of_the_board(
         assert bottom == height or width == 390
         assert browser.evaluate('document.images.length + document.scripts.length') == 1
         if name.startswith('board') and karts == 6:
-            picture = browser.call('Page.captureScreenshot')['data']
-            (folder / f'{name}.png').write_bytes(base64.b64decode(picture))
+            browser.picture(folder / f'{name}.png')
     assert browser.complaints == []

@@ -195,7 +195,6 @@ def test_the_screenshots_of_the_report(
 ) -> None:
     browser.resize(1366, 800)
     browser.visit(make_report(incident('Purdue', 'Ada')))
-    browser.evaluate("document.querySelector('.timeline').scrollIntoView({block: 'center'})")
     folder = pathlib.Path(os.environ.get('EVGP_SCREENSHOTS', tmp_path))
     browser.picture(folder / 'report.png', '.timeline')
     assert browser.complaints == []

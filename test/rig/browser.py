@@ -4,8 +4,7 @@
 """
 A real browser without a window: Chromium, driven over a pipe by its DevTools protocol.
 
-Input is real input: the browser itself finds what is under the mouse. Whatever the page writes to
-the console, and whatever it asks the network for, is kept.
+Whatever the page writes to the console, and whatever it asks the network for, is kept.
 """
 
 from __future__ import annotations
@@ -36,6 +35,15 @@ def missing() -> str:
 
 def _program() -> str | None:
     return next((found for name in NAMES if (found := shutil.which(name))), None)
+
+
+COMPLAINTS = (
+    'Runtime.consoleAPICalled',
+    'Runtime.exceptionThrown',
+    'Log.entryAdded',
+    'Page.javascriptDialogOpening',
+)
+"""The events that tell of a message on the console, an exception or a dialog."""
 
 
 class Browser(Part):
@@ -72,13 +80,7 @@ class Browser(Part):
         self._read, low_out = os.pipe()
         theirs_in, theirs_out = (fcntl.fcntl(low, fcntl.F_DUPFD, 10) for low in (low_in, low_out))
         self._process = subprocess.Popen(
-            [
-                'bash',
-                '-c',
-                f'exec "$@" 3<&{theirs_in} 4>&{theirs_out}',
-                'bash',
-                *arguments,
-            ],
+            ['bash', '-c', f'exec "$@" 3<&{theirs_in} 4>&{theirs_out}', 'bash', *arguments],
             pass_fds=(theirs_in, theirs_out),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -162,17 +164,10 @@ class Browser(Part):
         return dict(json.loads(first))
 
     def _take(self, event: dict[str, Any]) -> None:
-        method, told = event.get('method'), event.get('params', {})
-        if method == 'Runtime.consoleAPICalled':
-            self.complaints.append(str([each.get('value') for each in told['args']]))
-        elif method == 'Runtime.exceptionThrown':
-            self.complaints.append(json.dumps(told['exceptionDetails']))
-        elif method == 'Log.entryAdded':
-            self.complaints.append(told['entry']['text'])
-        elif method == 'Page.javascriptDialogOpening':
-            self.complaints.append(f'a dialog: {told["message"]}')
-        elif method == 'Network.requestWillBeSent':
-            self.requested.append(told['request']['url'])
+        if event.get('method') in COMPLAINTS:
+            self.complaints.append(json.dumps(event['params']))
+        elif event.get('method') == 'Network.requestWillBeSent':
+            self.requested.append(event['params']['request']['url'])
         self._events.append(event)
 
     # ----- the page -----------------------------------------------------------------------
@@ -218,24 +213,16 @@ class Browser(Part):
             }})"""
         )
 
-    def picture(self, file: pathlib.Path, selector: str) -> None:
-        """
-        Write an element as a PNG; the mouse stays where it is.
-
-        :raises AssertionError: if some of it is outside the window. For that part the browser
-            would scroll, and the mouse would point at something else.
-        """
-        x, y, width, height, inside = self.evaluate(
+    def picture(self, file: pathlib.Path, selector: str = 'body') -> None:
+        """Write an element as a PNG."""
+        x, y, width, height = self.evaluate(
             f"""(() => {{
                 const box = document.querySelector({json.dumps(selector)}).getBoundingClientRect();
-                return [box.left + scrollX, box.top + scrollY, box.width, box.height,
-                    box.top >= 0 && box.bottom <= innerHeight &&
-                    box.left >= 0 && box.right <= innerWidth];
+                return [box.left + scrollX, box.top + scrollY, box.width, box.height];
             }})()"""
         )
-        assert inside, f'{selector} is not wholly in the window'
         clip = {'x': x, 'y': y, 'width': width, 'height': height, 'scale': 1}
-        answer = self.call('Page.captureScreenshot', clip=clip)
+        answer = self.call('Page.captureScreenshot', clip=clip, captureBeyondViewport=True)
         file.write_bytes(base64.b64decode(answer['data']))
 
     def pdf(self) -> bytes:
