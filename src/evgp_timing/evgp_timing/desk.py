@@ -312,7 +312,7 @@ class Desk:
     def finishes(self) -> Iterator[Finish]:
         """Yield a FINISH for each kart of the newest race that has all its laps but no FINISH."""
         race = self.races[-1] if self.races else None
-        if race is None or not self._heat(race.heat).auto_finish or race.laps.ended < math.inf:
+        if race is None or not race.laps.heat.auto_finish or race.laps.ended < math.inf:
             return
         for kart in race.laps.karts:
             out = kart in race.laps.finished or kart in race.laps.left

@@ -161,8 +161,12 @@ def test_a_finish_of_the_wrong_kart_gives_back_the_crossing_that_a_beam_saw(
     assert event.desk.questions(event.now) == []
 
 
-def test_auto_finish_asks_for_the_finish_of_a_kart_with_all_its_laps(event: Event) -> None:
+@pytest.mark.parametrize('heats', [ROSTER.heats, ()])
+def test_auto_finish_asks_for_the_finish_of_a_kart_with_all_its_laps(
+    event: Event, heats: tuple[Heat, ...]
+) -> None:
     event.start('Heat 2', 3)
+    event.desk.feed(Terms(event.now, ROSTER._replace(heats=heats), LapSettings()))
     event.lap(1, 3)
     assert [*event.desk.finishes()] == []
     event.cross(3)
