@@ -14,7 +14,8 @@ from collections import OrderedDict
 import enum
 import secrets
 
-from evgp_timing.passings import CLOCK_TOLERANCE, Event, MAX_RATE, Passing, Refused
+from evgp_node.results import Passing
+from evgp_timing.passings import CLOCK_TOLERANCE, Event, MAX_RATE, Refused
 
 RECENT = 60.0
 """Time for which the node reports a fault, in seconds."""
@@ -32,7 +33,6 @@ class Trouble(enum.Enum):
     MISSED = "Some passings were not received: the device's numbers have gaps. Check the laps"
     RESTARTED = 'The device restarted, or its clock was set back. Check the laps'
     CLOCK = "The device's clock jumped, or its passings arrived late. Check the lap times"
-    UNCHECKED = 'The device sends no checksums, so transmission errors go unnoticed'
     REPEATED = 'The device sends some passings more than once. Each counts only once'
     REFUSED = "Some of the device's data cannot be read. Check the cable, kind and baud rate"
 
@@ -77,7 +77,7 @@ class Account:
         if not isinstance(event, Passing):
             return None
         # The number alone is not unique, because a device that restarts begins again at 1.
-        identity = event.number, event.transponder, event.time_us
+        identity = event.number, event.transponder, event.stamp_ns
         if identity in self._recent:
             self._note(Trouble.REPEATED, now)
             return None
@@ -86,8 +86,6 @@ class Account:
             self._recent.popitem(last=False)
         self._watch_count(event, now)
         self._watch_clock(event, now)
-        if not event.checked:
-            self._note(Trouble.UNCHECKED, now)
         self._number = event.number or self._number % _LAST + 1
         if self._gates.intersection((event.transponder, *event.transponder.split(' ', 1))):
             return None
@@ -121,7 +119,7 @@ class Account:
             self._gaps = 0
 
     def _watch_clock(self, passing: Passing, now: float) -> None:
-        offset = now - passing.time_us / 1_000_000
+        offset = now - passing.stamp_ns / 1e9
         if self._offset is not None and abs(offset - self._offset) > CLOCK_TOLERANCE:
             self._note(Trouble.CLOCK, now)
             # Without numbers, only the clock shows that the device restarted.
@@ -139,5 +137,4 @@ class Account:
 
     def _note(self, trouble: Trouble, now: float, count: int = 1) -> None:
         self.counts[trouble] += count
-        if trouble is not Trouble.UNCHECKED or self.counts[trouble] == count:  # reported once
-            self._noted_at[trouble] = now
+        self._noted_at[trouble] = now

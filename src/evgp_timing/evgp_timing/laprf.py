@@ -14,7 +14,7 @@ from __future__ import annotations
 import enum
 
 from evgp_timing.framing import Framing, Record
-from evgp_timing.passings import Event, Passing, Refused, Sign
+from evgp_timing.passings import Event, of_device, Refused, Sign
 
 
 class Kind(enum.IntEnum):
@@ -61,7 +61,7 @@ def read(record: Record) -> Event:
     time_us, peak = record.number(Field.RTC_TIME, 8), record.number(Field.PEAK, 2)
     if number is None or slot is None or time_us is None:
         return Refused('a passing lacks its number, slot or time')
-    return Passing(
+    return of_device(
         time_us=time_us,
         number=number,
         transponder=str(slot),

@@ -26,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import re
 
-from evgp_timing.passings import Event, Passing, Refused, Sign
+from evgp_timing.passings import Event, of_device, Refused, Sign
 
 
 def _reader(passing: bytes, sign: bytes) -> Callable[[bytes], Event]:
@@ -41,7 +41,7 @@ def _reader(passing: bytes, sign: bytes) -> Callable[[bytes], Event]:
         found = match.groupdict()
         fraction = (found['fraction'] or b'').ljust(6, b'0')
         strength = found.get('strength')
-        return Passing(
+        return of_device(
             time_us=int(found['seconds']) * 1_000_000 + int(fraction),
             transponder=found['transponder'].decode(),
             hits=min(int(found.get('hits') or 0), 65535),

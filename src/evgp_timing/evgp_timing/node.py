@@ -12,25 +12,26 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import math
 import sys
 import threading
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from evgp_node.codec import message_of
 from evgp_node.graph import where_reachable
 from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
 from evgp_node.qos import DIAGNOSTICS_QOS, latched
-from evgp_node.stamps import stamp, stamp_of
+from evgp_node.results import Passing
+from evgp_node.stamps import stamp
 from evgp_protocol import clock
 from evgp_rcs_msgs import msg
 from evgp_timing.account import Account
 from evgp_timing.contact import Contact, STUCK
 from evgp_timing.device import connect, Device, read, split
 from evgp_timing.kinds import CONTACT, DECODERS
-from evgp_timing.passings import Event, Passing
+from evgp_timing.passings import Event, of_device
 from rclpy.clock import Clock, ClockType
 
 PASSINGS_QOS = latched(200)
@@ -146,7 +147,7 @@ class TimingSource(StrictNode):
             is_active, now = bool(getattr(device, self._settings.line)), clock.now()
             broken = is_active is not self._settings.inverted
             if contact.look(broken, now):
-                self._take(Passing(time_us=time.time_ns() // 1000), now)
+                self._take(of_device(time.time_ns() // 1000), now)
             self._stuck = contact.is_stuck(now)
             time.sleep(CONTACT_LOOK)
 
@@ -155,18 +156,13 @@ class TimingSource(StrictNode):
         if number is None or not isinstance(event, Passing):
             return
         of_host = self._settings.kind == CONTACT
-        self._passings.publish(
-            msg.Passing(
-                source=self._settings.source,
-                session=self._account.session,
-                number=number,
-                transponder=event.transponder,
-                stamp=stamp_of(event.time_us * 1000),
-                clock=msg.Passing.CLOCK_OF_HOST if of_host else msg.Passing.CLOCK_OF_DEVICE,
-                hits=event.hits,
-                strength=math.nan if event.strength is None else event.strength,
-            )
+        passing = event._replace(
+            source=self._settings.source,
+            session=self._account.session,
+            number=number,
+            clock=msg.Passing.CLOCK_OF_HOST if of_host else msg.Passing.CLOCK_OF_DEVICE,
         )
+        self._passings.publish(message_of(passing, msg.Passing))
 
     # ----- in the executor's thread -------------------------------------------------------
 

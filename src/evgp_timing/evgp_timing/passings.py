@@ -8,6 +8,8 @@ from __future__ import annotations
 import dataclasses
 from typing import TypeAlias
 
+from evgp_node.results import Passing
+
 MAX_RATE = 200
 """Maximum number of passings accepted from one source per second. The source's node drops further
 ones, and so does the timekeeper."""
@@ -17,26 +19,22 @@ CLOCK_TOLERANCE = 0.5
 seconds. It is the default of the timekeeper's parameter `clock_tolerance`."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Passing:
+def of_device(
+    time_us: int,
+    number: int = 0,
+    transponder: str = '',
+    hits: int = 0,
+    strength: float | None = None,
+) -> Passing:
     """
-    A crossing of the line, by a transponder or by something that broke the beam.
+    Return a passing as a device reports it, of which its source is not known yet.
 
-    :ivar time_us: time of the crossing by the device's clock, in microseconds.
-    :ivar number: number that the device assigned, up to 2**32 - 1; 0 if it does not assign any.
-    :ivar transponder: number or name of the transponder as the device reports it, if necessary
+    :param time_us: time of the crossing by the device's clock, in microseconds.
+    :param number: number that the device assigned, up to 2**32 - 1; 0 if it does not assign any.
+    :param transponder: number or name of the transponder as the device reports it, if necessary
         followed by a space and the label printed on it. An unknown transponder is empty.
-    :ivar hits: number of times that the device saw the transponder, up to 65535; 0 if unknown.
-    :ivar strength: strength of the signal, in the device's own unit; None if unknown.
-    :ivar checked: False if the device sends no checksum, so that transmission errors are possible.
     """
-
-    time_us: int
-    number: int = 0
-    transponder: str = ''
-    hits: int = 0
-    strength: float | None = None
-    checked: bool = True
+    return Passing('', '', number, 0, transponder, time_us * 1000, 0, hits, strength)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,10 +6,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-import dataclasses
 
+from evgp_node.results import Passing
 from evgp_timing.account import Account, RECENT, REMEMBERED, Trouble
-from evgp_timing.passings import CLOCK_TOLERANCE, Event, MAX_RATE, Passing, Refused, Sign
+from evgp_timing.passings import CLOCK_TOLERANCE, Event, MAX_RATE, of_device, Refused, Sign
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -17,7 +17,7 @@ from recorded_bytes import P3_LIVE
 
 EVENTS = st.one_of(
     st.builds(
-        Passing,
+        of_device,
         time_us=st.integers(0, 2**64 - 1) | st.integers(0, 10_000_000),
         number=st.integers(0, 2**32 - 1) | st.integers(0, 5),
         transponder=st.sampled_from(['1', '2']),
@@ -29,7 +29,7 @@ EVENTS = st.one_of(
 
 def passing(at: float, number: int = 0, transponder: str = '7') -> Passing:
     """Return a passing at this time of the device, in seconds."""
-    return Passing(round(at * 1_000_000), number, transponder)
+    return of_device(round(at * 1_000_000), number, transponder)
 
 
 def account(*events: tuple[float, Passing]) -> Account:
@@ -88,7 +88,7 @@ def taken(made: Account, events: Iterable[Event]) -> list[tuple[float, Passing, 
     """Return what is taken of these, each at the time that it says."""
     found, now = [], 0.0
     for event in events:
-        now = event.time_us / 1e6 if isinstance(event, Passing) else now
+        now = event.stamp_ns / 1e9 if isinstance(event, Passing) else now
         number = made.take(event, now)
         if isinstance(event, Passing) and number is not None:
             found.append((now, event, number))
@@ -99,15 +99,6 @@ def test_a_selection_of_a_count_is_not_missed() -> None:
     made = Account(0.0)
     assert len(taken(made, (event for _, event in P3_LIVE))) == 5
     assert set(made.counts.values()) == {0}
-
-
-def test_a_decoder_without_checksums_is_told_of_once() -> None:
-    made, first = Account(0.0), dataclasses.replace(passing(1.0, 1), checked=False)
-    assert made.take(first, 1.0) == 1
-    assert made.trouble(1.0) is Trouble.UNCHECKED
-    made.take(dataclasses.replace(passing(1.0 + RECENT, 2), checked=False), 1.0 + RECENT)
-    assert made.trouble(1.0 + RECENT) is None
-    assert made.counts[Trouble.UNCHECKED] == 2
 
 
 def test_a_gate_is_left_out_by_its_number_or_its_label_and_its_count_is_not_missed() -> None:
