@@ -19,8 +19,8 @@ import sys
 import time
 from typing import Any
 
-from evgp_inspection.inspection import Exit
 from evgp_inspection.traces import Kind
+from evgp_inspection.verdicts import Exit
 from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-import dataclasses
 import os
 import pathlib
 import random
@@ -14,8 +13,8 @@ import re
 
 from evgp_inspection.kart_sentences import KART
 from evgp_inspection.limits import Limits
-from evgp_inspection.report import as_html, Header
-from evgp_inspection.verdicts import Finding, Result, Verdict
+from evgp_inspection.report import as_html
+from evgp_inspection.verdicts import Finding, Inspection, Result, Verdict
 from evgp_node.results import KartResult, Standings
 from evgp_node.results import Status as KartStatus
 from evgp_protocol.link import Grade
@@ -206,17 +205,18 @@ def test_the_screenshots_of_the_report(
 def test_the_report_of_an_inspection_that_was_passed_is_one_sheet(
     browser: Browser, tmp_path: pathlib.Path
 ) -> None:
-    header = Header(
-        'kart 123',
-        'University of Illinois Urbana-Champaign, Autonomous Karting',
-        'Augusta Ada King, Countess of Lovelace',
-        '2026-05-01T10:00:00+02:00',
+    judged = Finding(Verdict.PASS, 'It took 100.00 s.', 100.0)
+    inspection = Inspection(
+        [Result(each, judged, 120.0 if each.limit else None) for each in KART],
+        Limits(),
         170.0,
-        dataclasses.asdict(Limits()),
+        finished=True,
+        subject='kart 123',
+        team='University of Illinois Urbana-Champaign, Autonomous Karting',
+        inspector='Augusta Ada King, Countess of Lovelace',
+        began='2026-05-01T10:00:00+02:00',
     )
     page = tmp_path / 'inspection.html'
-    judged = Finding(Verdict.PASS, 'It took 100.00 s.', 100.0)
-    results = [Result(each, judged, 120.0 if each.limit else None) for each in KART]
-    page.write_text(as_html(header, results), encoding='utf-8')
+    page.write_text(as_html(inspection), encoding='utf-8')
     browser.visit(page)
     assert sheets_of(browser) == [A4]

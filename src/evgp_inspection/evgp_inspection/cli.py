@@ -14,12 +14,11 @@ import datetime
 import functools
 import pathlib
 import random
-import re
 import signal
 import sys
 
 from evgp_inspection import VERSION
-from evgp_inspection.inspection import Exit, inspect, Inspection
+from evgp_inspection.inspection import inspect
 from evgp_inspection.inspector import (
     AtTerminal,
     Inspector,
@@ -32,9 +31,9 @@ from evgp_inspection.kart_sentences import BY_STATEMENT, KART
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import listen
 from evgp_inspection.recording import first
-from evgp_inspection.report import as_html, as_json, Header, summary, write_files
+from evgp_inspection.report import as_html, as_json, write_files
 from evgp_inspection.survey_network import survey_network
-from evgp_inspection.verdicts import Clause, NOT_DONE, Result, select
+from evgp_inspection.verdicts import Clause, Exit, Inspection, results_of, select
 from evgp_protocol.frames import DEFAULT_PORT
 
 
@@ -162,33 +161,24 @@ def _inspect(options: argparse.Namespace, limits: Limits, clauses: Sequence[Clau
         return Exit.NOT_PASSED
     finally:
         printer.close()
-    header = Header(
-        subject=f'kart {options.number}' if options.number else 'kart',
-        team=options.team,
-        inspector='' if options.unattended else options.inspector,
-        began=began.isoformat(timespec='seconds'),
-        seconds=inspection.seconds,
-        limits=dataclasses.asdict(limits),
-        statements=BY_STATEMENT,
-        remarks=[
-            *inspection.remarks,
-            *['This was only a race, not an inspection.'] * options.race,
-            *[f'This was only a part of an inspection: {options.only}.'] * bool(options.only),
-        ],
-        finished=inspection.finished,
-    )
-    print(f'\n{header.subject} {header.team}'.rstrip())
-    for remark in header.remarks:
+    inspection.subject = f'kart {options.number}' if options.number else 'kart'
+    inspection.team = options.team
+    inspection.inspector = '' if options.unattended else options.inspector
+    inspection.began = began.isoformat(timespec='seconds')
+    inspection.remarks = [
+        *inspection.remarks,
+        *['This was only a race, not an inspection.'] * options.race,
+        *[f'This was only a part of an inspection: {options.only}.'] * bool(options.only),
+    ]
+    print(f'\n{inspection.subject} {inspection.team}'.rstrip())
+    for remark in inspection.remarks:
         print(remark)
-    for statement in header.statements:
+    for statement in BY_STATEMENT:
         print(f'The team states, and the inspector ticks by hand: {statement}')
-    print(summary(inspection.results, header.finished))
+    print(inspection.summary())
     if options.report:
-        name = re.sub('[^a-z0-9]+', '-', header.subject.lower())
-        texts = {
-            'html': as_html(header, inspection.results),
-            'json': as_json(header, inspection.results),
-        }
+        name = inspection.subject.replace(' ', '-')
+        texts = {'html': as_html(inspection), 'json': as_json(inspection)}
         write_files(pathlib.Path(options.report), name, began, texts)
     return inspection.exit_code
 
@@ -210,8 +200,8 @@ async def _with_the_word(
             await first(given, stopping)
             if not given.done() or not given.result():
                 given.cancel()
-                not_done = [Result(each, NOT_DONE) for each in clauses]
-                return Inspection(not_done, remarks=['Not started.'])
+                remarks = ['Not started.']
+                return Inspection(results_of({}, clauses, limits, remarks), limits, 0.0, remarks)
         return await inspect(
             inspector,
             limits,

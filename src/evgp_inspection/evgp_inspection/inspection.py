@@ -1,14 +1,12 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The inspection, from the first connection to the results, and the exit codes."""
+"""The inspection, from the first connection to the results."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Collection, Coroutine, Mapping, Sequence
-import dataclasses
-import enum
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
@@ -20,47 +18,10 @@ from evgp_inspection.odometry import Take
 from evgp_inspection.recording import EndedError, first, Recording
 from evgp_inspection.report import line
 from evgp_inspection.traces import Kind
-from evgp_inspection.verdicts import (
-    Clause,
-    Finding,
-    NOT_DONE,
-    Result,
-    results_of,
-    Verdict,
-    verdict_on,
-)
+from evgp_inspection.verdicts import Clause, Finding, Inspection, results_of
 
 Odometry: TypeAlias = Callable[[Take], Awaitable[Callable[[], None]]]
 """Starts to deliver speeds, in m/s, and returns a function that ends the delivery."""
-
-
-class Exit(enum.IntEnum):
-    """The exit codes, for scripts; `make` passes on these two unchanged."""
-
-    PASSED = 0
-    NOT_PASSED = 2  # a check failed or was not judged, or wrong usage: see the report
-
-
-@dataclasses.dataclass
-class Inspection:
-    """
-    The outcome of an inspection.
-
-    :ivar results: the results of the clauses that were asked for.
-    :ivar seconds: the duration, in seconds.
-    :ivar remarks: sentences about the whole inspection.
-    :ivar finished: whether every step was done.
-    """
-
-    results: list[Result]
-    seconds: float = 0.0
-    remarks: Sequence[str] = ()
-    finished: bool = False
-
-    @property
-    def exit_code(self) -> Exit:
-        good = verdict_on(self.results, self.finished) is Verdict.PASS
-        return Exit.PASSED if good else Exit.NOT_PASSED
 
 
 async def inspect(
@@ -114,16 +75,10 @@ async def inspect(
         await wire.shut_down()
         if end_odometry is not None:
             end_odometry()
-    results = results_of(recording.oracle.findings(), clauses, limits)
-    if remarks:
-        not_done = NOT_DONE._replace(why=f'Not done. {" ".join(remarks)}')
-        results = [
-            dataclasses.replace(each, finding=not_done) if each.finding == NOT_DONE else each
-            for each in results
-        ]
+    results = results_of(recording.oracle.findings(), clauses, limits, remarks)
     for result in results:
         inspector.tell(line(result))
-    return Inspection(results, recording.now, remarks, finished)
+    return Inspection(results, limits, recording.now, remarks, finished)
 
 
 async def _until_stopped(

@@ -510,6 +510,12 @@ class Oracle:
             if began > due + (GENTLY * (stood - spell.at) if spell.law is Law.FLAG else 0.0):
                 why = f'it began to slow down only after {began - spell.at:.2f} s.'
                 return spell.stops, why, began
+        elif measured and slower is None and spell.law is not Law.FLAG:
+            # A kart that stops in time has lost a tenth of its speed after a tenth of that time.
+            at, speed = spell.speeds[-1]
+            if at > due + limits.red_red / 10:
+                why = f'it had not begun to slow down after {at - spell.at:.2f} s.'
+                return spell.stops, why, at
         self._stops.append(spell)
         if spell.said is None:
             return None

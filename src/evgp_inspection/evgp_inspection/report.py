@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 import dataclasses
 import datetime
 import html
@@ -16,50 +16,10 @@ import sys
 from typing import Any
 
 from evgp_inspection import VERSION
+from evgp_inspection.kart_sentences import BY_STATEMENT
 from evgp_inspection.traces import describe
-from evgp_inspection.verdicts import Result, Verdict, verdict_on
+from evgp_inspection.verdicts import Inspection, Result, Verdict
 from evgp_protocol.clock import duration
-
-
-@dataclasses.dataclass(frozen=True)
-class Header:
-    """
-    The header of every report.
-
-    :ivar subject: what was inspected, such as ``kart 7``.
-    :ivar team: the team of the subject.
-    :ivar inspector: the inspector's name; empty if the inspection is unattended.
-    :ivar began: the date and time of the start, in ISO 8601.
-    :ivar seconds: the duration, in seconds.
-    :ivar limits: the limits used, by name.
-    :ivar statements: sentences that the team states and the inspector ticks by hand.
-    :ivar remarks: sentences about the whole inspection, such as why it was not finished.
-    :ivar finished: whether every step was done.
-    """
-
-    subject: str
-    team: str
-    inspector: str
-    began: str
-    seconds: float
-    limits: Mapping[str, float]
-    statements: Sequence[str] = ()
-    remarks: Sequence[str] = ()
-    finished: bool = True
-
-
-def counts(results: Sequence[Result]) -> dict[Verdict, int]:
-    return {verdict: sum(each.verdict is verdict for each in results) for verdict in Verdict}
-
-
-def summary(results: Sequence[Result], finished: bool) -> str:
-    """Return the summary in one line. An inspection that was not finished is not a pass."""
-    many = counts(results)
-    return (
-        f'{verdict_on(results, finished).value.upper()}: '
-        f'{many[Verdict.PASS]} passed, {many[Verdict.FAIL]} failed, '
-        f'{many[Verdict.NOT_JUDGED]} not judged'
-    )
 
 
 def line(result: Result) -> str:
@@ -78,7 +38,7 @@ def _times(result: Result) -> str:
     return text if limit is None or not text else f'{text} of {limit:g} s'
 
 
-def as_json(header: Header, results: Sequence[Result]) -> str:
+def as_json(inspection: Inspection) -> str:
     """Return the complete report as JSON, each check with the part of the trace that led to it."""
     checks: list[dict[str, Any]] = [
         {
@@ -104,13 +64,21 @@ def as_json(header: Header, results: Sequence[Result]) -> str:
                 for event in result.finding.evidence
             ],
         }
-        for result in results
+        for result in inspection.results
     ]
     whole = {
-        **dataclasses.asdict(header),
+        'subject': inspection.subject,
+        'team': inspection.team,
+        'inspector': inspection.inspector,
+        'began': inspection.began,
+        'seconds': inspection.seconds,
+        'limits': dataclasses.asdict(inspection.limits),
+        'statements': BY_STATEMENT,
+        'remarks': inspection.remarks,
+        'finished': inspection.finished,
         'version': VERSION,
-        'verdict': verdict_on(results, header.finished).value,
-        'counts': {verdict.value: many for verdict, many in counts(results).items()},
+        'verdict': inspection.verdict.value,
+        'counts': {each.value: len(inspection.having(each)) for each in Verdict},
         'checks': checks,
     }
     return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False)
@@ -148,7 +116,7 @@ pre { font: 6.5pt/1.25 monospace; white-space: pre-wrap; overflow-wrap: anywhere
 """
 
 
-def as_html(header: Header, results: Sequence[Result]) -> str:
+def as_html(inspection: Inspection) -> str:
     """
     Return the report as a self-contained HTML file. A pass prints on one A4 page.
 
@@ -157,15 +125,15 @@ def as_html(header: Header, results: Sequence[Result]) -> str:
     """
     e = html.escape
     facts = [
-        f'<b>{e(header.subject)}</b>',
-        f'team <b>{e(header.team) or "not named"}</b>',
-        e(header.began),
-        f'inspector <b>{e(header.inspector) or "nobody (unattended)"}</b>',
+        f'<b>{e(inspection.subject)}</b>',
+        f'team <b>{e(inspection.team) or "not named"}</b>',
+        e(inspection.began),
+        f'inspector <b>{e(inspection.inspector) or "nobody (unattended)"}</b>',
         f'evgp_inspection {VERSION}',
-        f'{header.seconds / 60:.1f} minutes',
+        f'{inspection.seconds / 60:.1f} minutes',
     ]
     rows = []
-    for result in results:
+    for result in inspection.results:
         kind = result.verdict.value
         note = ''
         if result.verdict is not Verdict.PASS:
@@ -175,29 +143,29 @@ def as_html(header: Header, results: Sequence[Result]) -> str:
             f'<td class="{kind.partition(" ")[0]}">{e(kind)}</td>'
             f'<td class="time">{e(_times(result))}</td></tr>'
         )
-    used = ', '.join(f'{name} {value:g}' for name, value in header.limits.items())
+    limits = dataclasses.asdict(inspection.limits).items()
+    used = ', '.join(f'{name} {value:g}' for name, value in limits)
     parts = [
         '<!DOCTYPE html>',
         '<html lang="en"><head><meta charset="utf-8">',
-        f'<title>Inspection of {e(header.subject)}</title>',
+        f'<title>Inspection of {e(inspection.subject)}</title>',
         f'<style>{_STYLE}</style></head><body>',
-        f'<h1>{e(summary(results, header.finished))}</h1>',
+        f'<h1>{e(inspection.summary())}</h1>',
         f'<p>{" · ".join(facts)}</p>',
-        *(f'<p><b>{e(remark)}</b></p>' for remark in header.remarks),
+        *(f'<p><b>{e(remark)}</b></p>' for remark in inspection.remarks),
         '<table><thead><tr><th>clause</th><th>a good kart</th><th>verdict</th>'
         '<th>measured</th></tr></thead>',
         f'<tbody>{"".join(rows)}</tbody></table>',
         f'<p class="note">Limits, in s (standstill: m/s): {e(used)}.</p>',
-        *(f'<p class="note">☐ {e(statement)}</p>' for statement in header.statements),
+        *(f'<p class="note">☐ {e(statement)}</p>' for statement in BY_STATEMENT),
         '<p class="sign">Signature</p>',
     ]
-    for result in results:
-        if result.verdict is Verdict.FAIL:
-            clause, finding = result.clause, result.finding
-            parts += [
-                f'<h2>{e(clause.name)} {e(clause.title)}</h2>',
-                f'<p>{e(clause.section)}, {e(clause.source)}: “{e(clause.sentence)}”</p>',
-                f'<p><b>{e(finding.why)}</b></p>',
-                f'<pre>{e(chr(10).join(describe(finding.evidence)))}</pre>',
-            ]
+    for result in inspection.having(Verdict.FAIL):
+        clause, finding = result.clause, result.finding
+        parts += [
+            f'<h2>{e(clause.name)} {e(clause.title)}</h2>',
+            f'<p>{e(clause.section)}, {e(clause.source)}: “{e(clause.sentence)}”</p>',
+            f'<p><b>{e(finding.why)}</b></p>',
+            f'<pre>{e(chr(10).join(describe(finding.evidence)))}</pre>',
+        ]
     return '\n'.join([*parts, '</body></html>', ''])

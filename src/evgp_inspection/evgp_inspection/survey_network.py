@@ -27,14 +27,13 @@ import termios
 import tty
 
 from evgp_inspection import VERSION
-from evgp_inspection.inspection import Exit
 from evgp_inspection.inspector import Printer, WORD
 from evgp_inspection.limits import SurveyLimits
 from evgp_inspection.recording import first
 from evgp_inspection.report import write_files
 from evgp_inspection.survey import LinkSurvey, LOST, Mark, Report
 from evgp_inspection.traces import BEAT
-from evgp_inspection.verdicts import Verdict
+from evgp_inspection.verdicts import Exit, exit_code
 from evgp_protocol.clock import now as clock_now
 from evgp_protocol.frames import DEFAULT_PORT, encode
 from evgp_protocol.link import Answers, Grade, make_prompt, read, unanswered, unsent
@@ -358,7 +357,7 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
     if options.report:
         texts = {'txt': report.text(), 'json': report.as_json()}
         write_files(pathlib.Path(options.report), 'survey', report.began, texts)
-    return Exit.PASSED if report.verdict is Verdict.PASS else Exit.NOT_PASSED
+    return exit_code(report.verdict)
 
 
 async def _survey(options: argparse.Namespace, limits: SurveyLimits) -> Report | None:

@@ -196,7 +196,7 @@ class Trace:
         self._time += min(now - last, LONGEST_STEP)
         while self._beats + BEAT <= self._time:
             self._beats += BEAT
-            for wire in self._wires.values():
+            for wire in (self._wires[link] for link in self._sent):
                 wire.hearing.beat(now)
                 for _, serial in wire.hearing.settled():
                     self._acknowledged.add(wire.orders[serial - 1])

@@ -8,8 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import dataclasses
 import enum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from evgp_inspection.limits import Limits
 from evgp_inspection.traces import Event, Kind
 
 EARLY = 0.05
@@ -22,6 +23,17 @@ class Verdict(enum.Enum):
     PASS = 'pass'  # noqa: S105 - a verdict, not a password
     FAIL = 'fail'
     NOT_JUDGED = 'not judged'
+
+
+class Exit(enum.IntEnum):
+    """The exit codes, for scripts; `make` passes on these two unchanged."""
+
+    PASSED = 0
+    NOT_PASSED = 2  # a check failed or was not judged, or wrong usage: see the report
+
+
+def exit_code(verdict: Verdict) -> Exit:
+    return Exit.PASSED if verdict is Verdict.PASS else Exit.NOT_PASSED
 
 
 class Finding(NamedTuple):
@@ -47,9 +59,6 @@ class Finding(NamedTuple):
         """Return how grave it is: by the verdict and, in a pass, by the time it took."""
         verdicts = (Verdict.PASS, Verdict.NOT_JUDGED, Verdict.FAIL)
         return verdicts.index(self.verdict), self.measured or 0.0
-
-
-NOT_DONE = Finding(Verdict.NOT_JUDGED, 'The inspection did not get this far.')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,37 +140,84 @@ def select(clauses: Sequence[Clause], wanted: str) -> tuple[Clause, ...]:
 
 
 def results_of(
-    findings: Mapping[str, Finding], clauses: Sequence[Clause], limits: Any
+    findings: Mapping[str, Finding],
+    clauses: Sequence[Clause],
+    limits: Limits,
+    remarks: Sequence[str] = (),
 ) -> list[Result]:
-    """Return the results of these clauses. No clause fails if the inspecting computer was late."""
+    """
+    Return the results of these clauses. No clause fails if the inspecting computer was late.
+
+    :param remarks: sentences that say why some steps were not done.
+    """
+    why = f'Not done. {" ".join(remarks)}' if remarks else 'The inspection did not get this far.'
     results = []
     for clause in clauses:
-        finding = findings.get(clause.name, NOT_DONE)
+        finding = findings.get(clause.name, Finding(Verdict.NOT_JUDGED, why))
         late = [each.value for each in finding.evidence if each.kind is Kind.HELD_UP]
         if finding.verdict is Verdict.FAIL and late:
-            why = f'The inspecting computer hung for {max(late):.1f} s. Inspect again.'
-            finding = finding._replace(verdict=Verdict.NOT_JUDGED, why=why)
+            why_not = f'The inspecting computer hung for {max(late):.1f} s. Inspect again.'
+            finding = finding._replace(verdict=Verdict.NOT_JUDGED, why=why_not)
         limit = getattr(limits, clause.limit) if clause.limit else None
         results.append(Result(clause, finding, limit))
     return results
 
 
-def verdict_on(results: Sequence[Result], finished: bool = True) -> Verdict:
+@dataclasses.dataclass
+class Inspection:
     """
-    Return the verdict on the whole inspection.
+    A whole inspection, as its report shows it.
 
-    It is not a pass if a starred clause was not judged, because nobody knows then whether the
-    wheels stood still; nor if only the lateness of the inspecting computer excuses a kart.
-
-    :param finished: whether every step was done.
+    :ivar results: the results of the clauses that were asked for.
+    :ivar limits: the limits used.
+    :ivar seconds: the duration, in seconds.
+    :ivar remarks: sentences about the whole inspection, such as why it was not finished.
+    :ivar finished: whether every step was done.
+    :ivar subject: what was inspected, such as ``kart 7``.
+    :ivar team: the team of the subject.
+    :ivar inspector: the inspector's name; empty if the inspection is unattended.
+    :ivar began: the date and time of the start, in ISO 8601.
     """
-    found = {each.verdict for each in results}
-    if Verdict.FAIL in found:
-        return Verdict.FAIL
-    # What was seen, and is not judged, is the finding's evidence.
-    doubtful = any(
-        each.verdict is Verdict.NOT_JUDGED and (each.clause.starred or each.finding.evidence)
-        for each in results
-    )
-    passed = finished and not doubtful and Verdict.PASS in found
-    return Verdict.PASS if passed else Verdict.NOT_JUDGED
+
+    results: Sequence[Result]
+    limits: Limits
+    seconds: float = 0.0
+    remarks: Sequence[str] = ()
+    finished: bool = False
+    subject: str = 'kart'
+    team: str = ''
+    inspector: str = ''
+    began: str = ''
+
+    def having(self, verdict: Verdict) -> list[Result]:
+        return [each for each in self.results if each.verdict is verdict]
+
+    @property
+    def verdict(self) -> Verdict:
+        """
+        Return the verdict on the whole inspection.
+
+        It is not a pass if a starred clause was not judged, because nobody knows then whether the
+        wheels stood still; nor if only the lateness of the inspecting computer excuses a kart.
+        """
+        if self.having(Verdict.FAIL):
+            return Verdict.FAIL
+        # What was seen, and is not judged, is the finding's evidence.
+        doubtful = any(
+            each.clause.starred or each.finding.evidence
+            for each in self.having(Verdict.NOT_JUDGED)
+        )
+        passed = self.finished and not doubtful and self.having(Verdict.PASS)
+        return Verdict.PASS if passed else Verdict.NOT_JUDGED
+
+    @property
+    def exit_code(self) -> Exit:
+        return exit_code(self.verdict)
+
+    def summary(self) -> str:
+        """Return the summary in one line."""
+        passed, failed, not_judged = (len(self.having(each)) for each in Verdict)
+        return (
+            f'{self.verdict.value.upper()}: '
+            f'{passed} passed, {failed} failed, {not_judged} not judged'
+        )

@@ -1,14 +1,17 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Karts to be inspected: one that does what docs/wire.md says, and others with one fault each."""
+"""A kart that does what docs/wire.md says, and what other karts do otherwise."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
+import functools
 import random
 import socket
+from typing import Any
 
 from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame
 from evgp_protocol.link import unread
@@ -18,620 +21,502 @@ IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN
 RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
 
-STEP = 0.02  # s
-
+TURN = 0.03  # s
 ACCELERATION, BRAKING, TOP = 20.0, 12.0, 6.0  # m/s², m/s²: it stops in 0.5 s, m/s
-FLAG_BRAKING = 6.0  # m/s²
-COASTING = 3.0  # m/s²
-UNCOMMANDED = 0.3  # s: then the base brakes by itself
-DEAF = 1.2  # s
+FLAG_BRAKING, COASTING = 5.0, 3.0  # m/s²
+UNCOMMANDED = 0.3  # s without its stack: then the base brakes by itself
 RETRY = 0.1  # s
 DEAD_TIME = 0.3  # s; from a command to the movement
-
-LONG_AFTER = 1.8  # s; longer than any phase in which nothing but `dwell` has it stand
-
-LOOKS_AWAY = (0.4, 1.6)  # s after GREEN_GREEN
-
-FEW_FRAMES = 17.0
-"""Frames that one faulty kart reads in a second while it drives, one in each turn of its loop."""
-
-HABITS = (
-    'says a newline after each frame',
-    'says each byte by itself',
-    'says every frame back',
-    'has a tiny window',
-    'is slow and gentle',
-    'brakes as a wheel that coasts down',
-    'takes a shorter silence for a loss',
-    'speeds up slowly and is seen at irregular times',
-    'is seen late',
-)
-"""What is unusual about a kart that is good."""
-
-MOST_UNREAD = 200
-"""Number of bytes that are read 0.7 s late, 6 in each turn."""
-
-SEEN_LATE = 0.4  # s
-
-LATE_ECHO = 0.3  # s; longer than what comes between two RED_RED of the inspection at the least
-
-ECHOES_LATE = 'echoes late, and needs a whole frame in each read'
-
-FAULTS = {
-    'drives in the garage': 'K-3A-01',
-    'is never ready': 'K-3A-02',
-    'creeps on the grid': 'K-3A-03',
-    'never says that it drives': 'K-3A-04',
-    'says that it drives before it does': 'K-3A-05',
-    'never acknowledges RED_FLAG': 'K-3A-06',
-    'echoes RED_FLAG': 'K-3A-07',
-    'rolls off after RED_FLAG': 'K-3A-08',
-    'never acknowledges RED_RED after a drive': 'K-3A-09',
-    'echoes RED_RED': 'K-3A-10',
-    'is ready only once': 'K-3A-11',
-    'acknowledges RED_RED while RED_FLAG brakes': 'K-3A-12',
-    'brakes for RED_RED as for RED_FLAG': 'K-3A-13',
-    'brakes on as for RED_FLAG when RED_RED comes': 'K-3A-13',
-    'is deaf after GREEN_GREEN': 'K-3A-14',
-    'acknowledges RED_RED in its dead time': 'K-3A-10',
-    'obeys every GREEN_GREEN': 'K-3B-01',
-    'RED_RED does not disarm it': 'K-3B-02',
-    'is armed by hearing GRID_ACTIVE': 'K-3B-03',
-    'RED_FLAG does not disarm it': 'K-3B-04',
-    'drives on after FIN': 'K-3C-01',
-    'drives on in silence': 'K-3E-01',
-    'silence does not disarm it': 'K-3E-02',
-    'drives on after RST': 'K-3E-03',
-    'does not notice a half-close': 'K-3E-04',
-    'a lost connection does not disarm it': 'K-3E-05',
-    'a race control that is away arms it': 'K-3E-06',
-    'takes malformed bytes for life': 'K-3E-07',
-    'acknowledges RED_RED on a new connection while it rolls': 'K-3E-08',
-    'drives on without its bridge': 'K-3E-09',
-    'drives on without its stack': 'K-3E-10',
-    'opens two connections': 'K-4A-02',
-    'says malformed frames': 'K-4C-01',
-    'needs a whole frame in each read': 'K-4C-02',
-    ECHOES_LATE: 'K-4C-02',
-    'throws long reads away': 'K-4C-03',
-    'forgets half a frame': 'K-4C-04',
-    'takes 10 Hz for silence': 'K-4C-05',
-    'reads one frame a turn': 'K-4C-06',
-    'reads one frame a turn while it drives': 'K-4C-09',
-    'looks for GREEN_GREEN anywhere': 'K-4C-07',
-    'dies of malformed bytes': 'K-4C-08',
-    'echoes an earlier order': 'K-4C-09',
-    'floods': 'K-4C-10',
-    'speaks first': 'K-4C-11',
-    'says on a new connection what it said before': 'K-4C-12',
-    'FIN ends it': 'K-4D-01',
-    'RST ends it': 'K-4D-02',
-    'waits for an error after a half-close': 'K-4D-03',
-    'keeps a silent connection': 'K-4D-04',
-    'gives up when it is refused': 'K-4D-05',
-    'never acknowledges RED_RED after FIN': 'K-4D-06',
-    'moves off long after a red': 'K-3A-15',
-    'brakes backwards while it stands': 'K-3A-15',
-    'coasts when its link is lost while RED_FLAG brakes': 'K-3E-11',
-    'looks at no stop for a while after GREEN_GREEN': 'K-4C-09',
-    'ignores RED_FLAG at first': 'K-3A-16',
-    'drives by itself long after IN_GARAGE': 'K-3A-01',
-    'reads 17 frames a second while it drives': 'K-3A-14',
-    'drives on when GREEN_GREEN comes while RED_FLAG brakes': 'K-3B-04',
-    'drives off long after race control went away': 'K-3E-06',
-    'IN_GARAGE does not disarm it': 'K-3B-01',
-    'speeds up when RED_FLAG comes': 'K-3A-16',
-    'rolls on in IN_GARAGE': 'K-3A-01',
-    'hears no silence on the grid': 'K-3E-02',
-    'drives on when its stack is started again': 'K-3E-10',
-    'coasts when its link is lost while RED_RED brakes': 'K-3E-11',
-    'drives on in silence while RED_FLAG brakes': 'K-3E-11',
-    'drives on when GREEN_GREEN comes while RED_RED brakes': 'K-3B-02',
-    'lets the brake go for a while in RED_RED': 'K-3A-14',
-}
-"""Each fault, and the sentence that it breaks."""
-
-ALSO = {
-    'is never ready': {'K-3A-11'},
-    'creeps on the grid': {'K-4C-07'},
-    'acknowledges RED_RED in its dead time': {'K-3A-07'},
-    'echoes RED_RED': {'K-3A-09', 'K-3A-12', 'K-3E-08'},
-    'is deaf after GREEN_GREEN': {'K-4C-09'},
-    'obeys every GREEN_GREEN': {
-        *('K-3A-09', 'K-3B-02', 'K-3B-03', 'K-3B-04', 'K-3E-02', 'K-3E-05', 'K-3E-06'),
-    },
-    'RED_RED does not disarm it': {'K-3A-09'},
-    'drives on after FIN': {'K-3E-04', 'K-3E-06', 'K-3E-11'},
-    'drives on in silence': {'K-3E-07'},
-    'a lost connection does not disarm it': {'K-3E-06'},
-    'opens two connections': {'K-3A-02', 'K-3A-09', 'K-3A-11', 'K-3B-03'},
-    'needs a whole frame in each read': {'K-4C-04'},
-    ECHOES_LATE: {'K-4C-04'},
-    'reads one frame a turn while it drives': {'K-3A-14'},
-    'looks for GREEN_GREEN anywhere': {'K-3E-07', 'K-4C-09'},
-    'waits for an error after a half-close': {'K-3E-01', 'K-3E-07', 'K-4D-04'},
-    'brakes backwards while it stands': {'K-3A-01'},
-    'looks at no stop for a while after GREEN_GREEN': {'K-3A-14', 'K-3A-16'},
-    'reads 17 frames a second while it drives': {'K-3A-09', 'K-4C-09'},
-    'drives on when GREEN_GREEN comes while RED_RED brakes': {'K-3A-09'},
-    'lets the brake go for a while in RED_RED': {'K-3B-02', 'K-3B-04', 'K-3C-01', 'K-3E-11'},
-}
-"""The other sentences that the same fault breaks, in other steps."""
 
 
 class InspectedKart:
     """
-    A kart with inertia.
+    A good kart with inertia, each of whose methods another kart may replace.
 
-    :param take: gets its speed, m/s, 50 times a second.
-    :param fault: one of `FAULTS`; empty: none.
-    :param habit: one of `HABITS`; empty: none.
-    :param long_after: time after which it moves off by itself, if that is its fault, s.
+    :param take: gets its speed, m/s, each turn.
+    :param kind: one of `FAULTS` or `HABITS`; empty: neither.
     :param silence: time without a frame after which it stops, s.
     :param says_garage: it says IN_GARAGE back, as docs/wire.md advises.
+    :param long_after: time after which it moves off by itself, if that is its fault, s.
     """
 
     def __init__(
         self,
         port: int,
         take: Callable[[float], None],
-        fault: str = '',
-        silence: float = 1.0,
-        says_garage: bool = True,
-        habit: str = '',
-        long_after: float = LONG_AFTER,
+        kind: str,
+        silence: float,
+        says_garage: bool,
+        long_after: float,
     ) -> None:
-        self.speed = 0.0
-        assert habit in ('', *HABITS)
-        assert fault in ('', *FAULTS)
-        self._has = {name: name == habit for name in HABITS}
-        self._fault = fault
-        self._long_after = long_after
-        self._read_at = self._took_at = 0.0
+        self.take, self.silence, self.long_after = take, silence, long_after
         self._says_garage = says_garage
+        self.speed = 0.0
         self.last_heard = b''
-        self._port = port
-        self._take = take
-        self._is = {name: name == fault for name in FAULTS}
-        shorter = self._has['takes a shorter silence for a loss']
-        self._silence = 0.9 * silence if shorter else silence
-        self._loop = asyncio.get_running_loop()
-        self._link: socket.socket | None = None
-        self._links = 0
-        self._orders = 0  # on this connection
-        self._commanded: RaceState | None = None
-        self._before: RaceState | None = None
-        self._ordered_at = self._heard_at = 0.0
-        self._ticked_at = self._loop.time()
-        self._armed = False
-        self._reached_at: float | None = None
-        self._grids = 0
-        self._lost_how = ''
-        self._reset = False  # the connection, as a frame was to be sent
-        self._closed = False  # race control has once closed a connection
-        self._drove = False
-        self._goes_on = False  # faulty: drives on although race control is gone
-        self._decoder = FrameDecoder()
-        self._found: asyncio.Future[bool] = self._loop.create_future()
-        self._frame_times: list[float] = []
-        self._silent_kept = False
-        self._deaf_until = 0.0
-        self._bridge_killed = False
-        self._stack_died_at: float | None = None
-        self._coasts = False
-        self._green_at = 0.0
-        self._seen_next = 0.0
-        self._random = random.Random(1)
-        self._backs = False
-        self._begins = False  # it was told to drive just before a stop
+        self._address = ('127.0.0.1', port)
+        self.loop = asyncio.get_running_loop()
+        self.now = self._turned_at = self.loop.time()
+        self.link: socket.socket | None = None
+        self.links = self.orders = self.grids = 0
+        self.others: list[socket.socket] = []
+        self._retry_at = self.heard_at = self.took_at = 0.0
+        self.frames: deque[float] = deque(maxlen=10)  # the times of the last ones
+        self.decoder = FrameDecoder()
+        self.losses: list[str] = []
+        # How it lost race control, and what it obeyed and how fast it was then.
+        self.lost_how, self.lost_in, self.lost_at_speed = '', RED_RED, 0.0
+        self.drove = self.armed = False
+        # The order in force, the one before, and for how long that one was in force.
+        self.commanded: RaceState | None = None
+        self.before: RaceState | None = None
+        self.lasted = self.ordered_at = self.ordered_at_speed = 0.0
+        self.reached_at: float | None = None
+        self.died_at: float | None = None
+        self.see_next = 0.0
+        self.random = random.Random(1)
+        for name, change in KINDS[kind].items():
+            setattr(self, name, functools.partial(change, self))
+        self._next_turn = self.loop.call_later(0.0, self._turn)
 
-    async def run(self) -> None:
-        self._tick()
-        second: socket.socket | None = None
-        try:
-            while True:
-                try:
-                    link = self._connect()
-                except ConnectionRefusedError:
-                    if self._is['gives up when it is refused']:
-                        await self._loop.create_future()
-                    if self._is['a race control that is away arms it']:
-                        self._lost_how = 'refused'
-                    await asyncio.sleep(RETRY)
-                    continue
-                link.setblocking(False)
-                link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                if self._is['opens two connections'] and second is None:
-                    second = socket.create_connection(('127.0.0.1', self._port))
-                with link:
-                    await self._serve(link)
-                ends = {'FIN ends it': 'closed', 'RST ends it': 'reset'}
-                if self._lost_how == ends.get(self._fault):
-                    await self._loop.create_future()
-                await asyncio.sleep(RETRY)
-        finally:
-            self._next_tick.cancel()
-            if second is not None:
-                second.close()
-
-    def _connect(self) -> socket.socket:
-        link = socket.socket()
-        if self._has['has a tiny window']:
-            link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
-        try:
-            link.connect(('127.0.0.1', self._port))
-        except OSError:
-            link.close()
-            raise
-        return link
+    def end(self) -> None:
+        self._next_turn.cancel()
+        self._close()
+        for other in self.others:
+            other.close()
 
     def kill(self, part: str) -> None:
         """Have its bridge die, which is started again, or its stack: then the base is left."""
         if part == 'bridge':
-            self._bridge_killed = True
-            self._find(False)
+            self.lose('killed')
         else:
-            self._stack_died_at = self._loop.time()
+            self.died_at = self.now
+
+    def _turn(self) -> None:
+        self._next_turn = self.loop.call_later(TURN, self._turn)
+        now = self.loop.time()
+        step, self._turned_at, self.now = now - self._turned_at, now, now
+        if self.link is None and now >= self._retry_at:
+            self.connect()
+        if self.link is not None and self.silent():
+            self.on_silence()
+        if self.link is not None and self.in_turns():
+            self.read()
+        target, braking = self.wants(), self.brakes()
+        dead = self.stack_is_dead()
+        if dead:
+            braking = BRAKING
+            if now - (self.died_at or now) > UNCOMMANDED:
+                target = self.base_wants()
+        self.speed += max(-braking * step, min(self.speeds_up() * step, target - self.speed))
+        self.drove = self.drove or self.speed > 1.0
+        self.sees(self.speed)
+        if self.commanded is not None and not dead:
+            self.on_turn()
+            self.reports()
+
+    @property
+    def since(self) -> float:
+        """Return the time since the order in force came, s."""
+        return self.now - self.ordered_at
+
+    def lost(self, in_state: RaceState, *how: str) -> bool:
+        """Return whether it lost race control so, while it obeyed a state and moved."""
+        moved = self.commanded is None and self.lost_at_speed > 0.0
+        return moved and self.lost_in is in_state and self.lost_how in (how or [self.lost_how])
 
     # ----- the connection ------------------------------------------------------------------
 
-    async def _serve(self, link: socket.socket) -> None:
-        self._link = link
-        self._links += 1
-        self._orders = 0
-        self._decoder = FrameDecoder()
-        self._reset = False
-        self._heard_at = self._loop.time()
-        self._frame_times.clear()
-        self._silent_kept = False
-        keeps = {
-            'silence does not disarm it': ('silent',),
-            'a lost connection does not disarm it': ('closed', 'reset'),
-            'a race control that is away arms it': ('refused',),
-        }
-        if self._lost_how not in keeps.get(self._fault, ()):
-            self._armed = False
-        again = self._links > 1
-        if self._is['says on a new connection what it said before' if again else 'speaks first']:
-            self._say(encode(RED_RED))
+    def connect(self) -> None:
+        link = socket.socket()
+        self.prepare(link)
         try:
-            await self._read(link)
-        finally:
-            self._link = None
-            self._commanded = None
-            self._reached_at = None
+            link.connect(self._address)
+        except OSError:
+            link.close()
+            self._retry_after('refused')
+            return
+        link.setblocking(False)
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.link = link
+        self.links += 1
+        self.orders = 0
+        self.decoder = FrameDecoder()
+        self.frames.clear()
+        self.heard_at = self.now
+        self.armed = self.armed and self.stays_armed_on_new_link()
+        if not self.in_turns():
+            self.loop.add_reader(link.fileno(), self.read)
+        self.greet()
 
-    async def _read(self, link: socket.socket) -> None:
-        gone = False
-        while True:
-            now = self._loop.time()
-            if self._bridge_killed:
-                self._lost('killed')
-                self._bridge_killed = False
-                return
-            deaf = self._is['hears no silence on the grid'] and self._commanded is GRID_ACTIVE
-            if now - self._heard_at >= self._silence and not deaf:
-                if not self._is['keeps a silent connection']:
-                    self._lost('silent')
-                    return
-                self._silent_kept = True
-            if self._too_slow(now):
-                self._lost('silent')
-                return
-            one_frame = self._is['reads one frame a turn'] or (
-                self._is['reads one frame a turn while it drives'] and self.speed > 0.0
-            )
-            if gone or one_frame:
-                await asyncio.sleep(STEP)
-            if gone:
-                try:
-                    link.send(b'$RED_RED;' if self._silent_kept else b' ')
-                except OSError:
-                    self._lost('closed')
-                    return
-                continue
-            if self._is['reads 17 frames a second while it drives'] and self.speed > 0.0:
-                await asyncio.sleep(max(self._read_at + 1 / FEW_FRAMES - self._loop.time(), 0.0))
-                self._read_at = self._loop.time()
-                one_frame = True
-            # While it drives it has more to do: a turn is half a frame.
-            half = self._is['reads one frame a turn while it drives']
-            size = 4096 if not one_frame else 6 if half else 13
-            if size == 6:  # but it is never so late that it misses other limits too
-                size = max(size, unread(link) - MOST_UNREAD)
-            often = self._is['takes 10 Hz for silence']
-            left = 0.0 if often else self._heard_at + self._silence - now
-            if not await self._readable(link, max(left, STEP)):
-                continue
-            try:
-                data = link.recv(size)
-                # Its TCP answers at once: on a simulated clock, no real time passes.
-                link.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
-            except ConnectionError:
-                self._lost('reset')
-                return
-            if not data and self._reset:
-                self._lost('reset')
-                return
-            if not data:
-                if self._is['waits for an error after a half-close']:
-                    self._commanded = None
-                    self._silence = 1e9
-                    gone = True
-                elif self._is['does not notice a half-close']:
-                    gone = True
-                else:
-                    self._lost('closed')
-                    return
-                continue
-            if not self._take_in(data):
-                self._lost('malformed')
-                return
+    def prepare(self, link: socket.socket) -> None:
+        pass
 
-    async def _readable(self, link: socket.socket, seconds: float) -> bool:
-        """Return whether there is something to read within a time, while its bridge lives."""
-        self._found = self._loop.create_future()
-        number = link.fileno()  # asyncio writes out the socket itself for each lookup
-        self._loop.add_reader(number, self._find, True)
-        timer = self._loop.call_later(seconds, self._find, False)
-        try:
-            return await self._found
-        finally:
-            timer.cancel()
-            self._loop.remove_reader(number)
+    def in_turns(self) -> bool:
+        """Return whether it reads once in each turn, instead of when something has arrived."""
+        return False
 
-    def _find(self, readable: bool) -> None:
-        if not self._found.done():
-            self._found.set_result(readable)
+    def stays_armed_on_new_link(self) -> bool:
+        return False
 
-    def _too_slow(self, now: float) -> bool:
-        if not self._is['takes 10 Hz for silence'] or not self._frame_times:
-            return False
-        recent = [at for at in self._frame_times if at > now - 0.9]
-        return now - self._frame_times[0] > 0.9 and len(recent) < 10
+    def greet(self) -> None:
+        pass
 
-    def _lost(self, how: str) -> None:
-        self._lost_how = how
-        commanded = self._commanded.value if self._commanded else ''
-        coasts = f'coasts when its link is lost while {commanded} brakes'
-        self._coasts = self._fault == coasts and self.speed > 0.0
-        self._closed = self._closed or how == 'closed'
-        drives_on = {
-            'drives on after FIN': 'closed',
-            'drives on in silence': 'silent',
-            'drives on after RST': 'reset',
-            'drives on without its bridge': 'killed',
-        }
-        self._goes_on = (how == drives_on.get(self._fault) and self._obeyed is GREEN_GREEN) or (
-            self._goes_on and self._is['drives on without its bridge']
-        )
-        if self._is['drives on in silence while RED_FLAG brakes']:
-            self._goes_on = how == 'silent' and self._obeyed is RED_FLAG and self.speed > 0.0
+    def _close(self) -> None:
+        if self.link is not None:
+            self.loop.remove_reader(self.link.fileno())
+            self.link.close()
+            self.link = None
 
-    def _take_in(self, data: bytes) -> bool:
-        now = self._loop.time()
-        forgets = {
-            'needs a whole frame in each read': True,
-            ECHOES_LATE: True,
-            'forgets half a frame': now - self._took_at > 2 * STEP,
-        }
-        if forgets.get(self._fault):
-            self._decoder = FrameDecoder()
-        self._took_at = now
-        if self._is['throws long reads away'] and len(data) > 40:
-            return True
-        if self._is['looks for GREEN_GREEN anywhere'] and b'GREEN_GREEN' in data:
-            data = encode(GREEN_GREEN)
-        for frame in self._decoder.feed(data):
-            if isinstance(frame, MalformedFrame):
-                if self._is['takes malformed bytes for life']:
-                    self._heard_at = now
-                if self._is['dies of malformed bytes']:
-                    return False
-            else:
-                self._heard(frame.state, now)
+    def lose(self, how: str) -> None:
+        self._close()
+        if self.commanded is not None:
+            self.lost_how, self.lost_in, self.lost_at_speed = how, self.obeyed, self.speed
+        self.commanded = self.reached_at = None
+        self._retry_after(how)
+
+    def _retry_after(self, how: str) -> None:
+        self.losses.append(how)
+        self._retry_at = self.now + (RETRY if self.retries(how) else 1e9)
+
+    def retries(self, how: str) -> bool:
         return True
 
-    def _heard(self, state: RaceState, now: float) -> None:
-        self._heard_at = now
+    def silent(self) -> bool:
+        return self.now - self.heard_at >= self.silence
+
+    def on_silence(self) -> None:
+        self.lose('silent')
+
+    def read(self) -> None:
+        assert self.link is not None
+        self.now = self.loop.time()
+        try:
+            data = self.link.recv(self.size())
+            # Its TCP answers at once: on a simulated clock, no real time passes.
+            self.link.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
+        except BlockingIOError:
+            return
+        except ConnectionError:
+            self.lose('reset')
+            return
+        if data:
+            self.take_in(data)
+            self.took_at = self.now
+        else:
+            self.on_end()
+
+    def size(self) -> int:
+        return 65536
+
+    def on_end(self) -> None:
+        self.lose('closed')
+
+    def take_in(self, data: bytes) -> None:
+        for frame in self.decoder.feed(data):
+            if isinstance(frame, MalformedFrame):
+                self.on_malformed()
+            else:
+                self._hear(frame.state)
+
+    def on_malformed(self) -> None:
+        pass
+
+    def _hear(self, state: RaceState) -> None:
+        self.heard_at = self.now
+        self.frames.append(self.now)
         self.last_heard = encode(state)
-        if now < self._deaf_until:
+        self.on_frame(state)
+        if state is self.commanded or self.ignores():
             return
-        if self._is['takes 10 Hz for silence']:
-            self._frame_times = [*self._frame_times[-40:], now]
-        self._goes_on = False
-        if self._is[ECHOES_LATE] and state in (IN_GARAGE, RED_RED):
-            self._loop.call_later(LATE_ECHO, self._echo, state, self._links)
-        if self._silent_kept:
-            self._silent_kept = False
-            self._armed = False
-        if state is self._commanded:
-            if self._has['says every frame back'] and self._reached_at is not None:
-                self._say(encode(state))
-            return
-        away, back = LOOKS_AWAY
-        looks_away = self._is['looks at no stop for a while after GREEN_GREEN']
-        if looks_away and self._armed and away < now - self._green_at < back:
-            return
-        self._green_at = now if state is GREEN_GREEN else 0.0
-        self._coasts = False
-        self._backs = (
-            self._is['brakes backwards while it stands'] and state is RED_RED and self.speed == 0.0
-        )
-        before, self._before, self._commanded = self._commanded, self._commanded, state
-        if self._is['is deaf after GREEN_GREEN'] and state is GREEN_GREEN and self._armed:
-            self._deaf_until = now + DEAF
-        self._orders += 1
-        self._begins = self._is['acknowledges RED_RED in its dead time'] and (
-            before is GREEN_GREEN and now - self._ordered_at < DEAD_TIME
-        )
-        self._ordered_at = now
-        self._reached_at = None
-        if state is IN_GARAGE and self._says_garage and not self._is[ECHOES_LATE]:
-            self._say(encode(state))
-        both = [each.value for each in (before, state) if each]
-        keeps = {f'{each} does not disarm it' for each in both}
-        if self.speed > 0.0:
-            keeps |= {f'drives on when GREEN_GREEN comes while {each} brakes' for each in both}
-        stays = before is None or (before is GRID_ACTIVE and state is GREEN_GREEN)
-        if self._fault not in keeps and (not stays or state is IN_GARAGE):
-            self._armed = False
-        if state is GRID_ACTIVE:
-            self._grids += 1
-            self._armed = self._armed or self._is['is armed by hearing GRID_ACTIVE']
-        if self._fault == f'echoes {state.value}':
-            self._say(encode(state))
-        if self._is['says malformed frames'] and state is GRID_ACTIVE:
-            self._say(b'$OK;')
+        self.lasted, self.ordered_at, self.ordered_at_speed = self.since, self.now, self.speed
+        self.before, self.commanded = self.commanded, state
+        self.reached_at = None
+        self.orders += 1
+        self.grids += state is GRID_ACTIVE
+        self.armed = self.armed and self.stays_armed()
+        if state is IN_GARAGE and self.says_garage():
+            self.say(encode(state))
+        self.on_order(state)
 
-    def _echo(self, state: RaceState, link: int) -> None:
-        if link == self._links and self.speed == 0.0:
-            self._say(encode(state))
+    def on_frame(self, state: RaceState) -> None:
+        pass
 
-    def _say(self, data: bytes) -> None:
-        if self._link is not None:
-            if self._has['says a newline after each frame']:
-                data += b'\r\n'
-            bytewise = self._has['says each byte by itself']
-            try:
-                for each in [bytes([byte]) for byte in data] if bytewise else [data]:
-                    self._link.send(each)
-            except ConnectionResetError:
-                self._reset = True  # which the next read would take for an orderly close
-            except OSError:
-                pass  # as `_read` finds
+    def ignores(self) -> bool:
+        return False
+
+    def says_garage(self) -> bool:
+        return self._says_garage
+
+    def stays_armed(self) -> bool:
+        if self.before is None:
+            return self.commanded is not IN_GARAGE
+        return self.before is GRID_ACTIVE and self.commanded is GREEN_GREEN
+
+    def on_order(self, state: RaceState) -> None:
+        pass
+
+    def say(self, data: bytes) -> None:
+        if self.link is None:
+            return
+        try:
+            self.link.send(data)
+        except BlockingIOError:
+            pass
+        except ConnectionResetError:  # which the next read would take for an orderly close
+            self.lose('reset')
+        except OSError:
+            self.lose('closed')
 
     # ----- the wheels ----------------------------------------------------------------------
 
     @property
-    def _obeyed(self) -> RaceState:
-        commanded = self._commanded
-        if commanded is None or self._silent_kept:
+    def obeyed(self) -> RaceState:
+        if self.commanded is None or (self.commanded is GREEN_GREEN and not self.may_drive()):
             return RED_RED
-        if commanded is GREEN_GREEN and not (self._armed or self._is['obeys every GREEN_GREEN']):
-            return RED_RED
-        return commanded
+        return self.commanded
 
-    def _tick(self) -> None:
-        now = self._loop.time()
-        self._next_tick = self._loop.call_later(STEP, self._tick)
-        obeyed = self._obeyed
-        since = now - self._ordered_at
-        target = TOP if obeyed is GREEN_GREEN or self._goes_on else 0.0
-        if self._is['drives in the garage'] and obeyed is IN_GARAGE and since > 0.4:
-            target = 1.0
-        if self._is['creeps on the grid'] and obeyed is GRID_ACTIVE:
-            target = 0.5
-        if self._is['acknowledges RED_RED in its dead time'] and since < DEAD_TIME:
-            target = self.speed if obeyed is GREEN_GREEN else target
-        if self._begins and DEAD_TIME - 0.15 < since < DEAD_TIME + 0.15:
-            target = TOP
-        if self._is['says that it drives before it does'] and since < 1.0:
-            target = min(target, self.speed)
-        rolls = self._reached_at is not None and now - self._reached_at > 1.1
-        if self._is['rolls off after RED_FLAG'] and obeyed is RED_FLAG and rolls:
-            target = 0.5
-        long_after = {
-            'moves off long after a red': RED_RED,
-            'drives by itself long after IN_GARAGE': IN_GARAGE,
-        }
-        if since > self._long_after and self._commanded is not None:
-            target = 0.5 if obeyed is long_after.get(self._fault) else target
-        if self._is['ignores RED_FLAG at first'] and obeyed is RED_FLAG and since < 1.0:
-            target = self.speed
-        away = self._link is None and now - self._heard_at > self._long_after
-        if away and self._is['drives off long after race control went away']:
-            target = 0.5
-        speeds_up = self._is['speeds up when RED_FLAG comes'] and obeyed is RED_FLAG
-        speeds_up = speeds_up and since < 0.8 and self.speed > 0.0
-        if speeds_up:
-            target = 2 * TOP
-        lets_go = self._is['lets the brake go for a while in RED_RED'] and self._drove
-        if lets_go and obeyed is RED_RED and 0.2 < since < 1.5 and self.speed > 0.0:
-            target = 0.8 * TOP
-        if self._backs and since < 0.35:
-            target = -1.0
-        died = self._stack_died_at
-        comes_back = self._is['drives on when its stack is started again']
-        if comes_back and died is not None and now - died > self._long_after:
-            died = self._stack_died_at = None
-        if died is not None and now - died > UNCOMMANDED:
-            target = TOP if self._is['drives on without its stack'] else 0.0
-        weak = {
-            'brakes for RED_RED as for RED_FLAG': True,
-            'brakes on as for RED_FLAG when RED_RED comes': self._before is RED_FLAG,
-        }
-        gently = obeyed is RED_FLAG or (obeyed is RED_RED and weak.get(self._fault, False))
-        braking = FLAG_BRAKING if gently and died is None else BRAKING
-        if gently and self._is['drives on in silence while RED_FLAG brakes']:
-            braking = 0.6 * FLAG_BRAKING  # it still rolls when it notices the silence
-        acceleration = ACCELERATION / 5 if speeds_up else ACCELERATION
-        if self._has['is slow and gentle']:
-            braking, acceleration = braking / 3, ACCELERATION / 10
-            if since < DEAD_TIME:  # and it begins gently, too
-                braking = acceleration = 0.0
-            elif since < 2 * DEAD_TIME:
-                braking *= (since - DEAD_TIME) / DEAD_TIME
-        if self._has['speeds up slowly and is seen at irregular times']:
-            acceleration = ACCELERATION / 10
-        if self._has['brakes as a wheel that coasts down'] and self.speed > 0.3:
-            braking *= 3 * self.speed / TOP
-        if self._coasts:
-            braking = COASTING
-        if self._is['rolls on in IN_GARAGE'] and obeyed is IN_GARAGE:
-            braking = COASTING / 6
-        change = target - self.speed
-        # Where this computer is busy, a step is longer.
-        step, self._ticked_at = now - self._ticked_at, now
-        self.speed += max(-braking * step, min(acceleration * step, change))
-        self._drove = self._drove or self.speed > 1.0
-        if now >= self._seen_next:
-            if self._has['is seen late']:
-                self._loop.call_later(SEEN_LATE, self._take, self.speed)
-            else:
-                self._take(self.speed)
-            if self._has['speeds up slowly and is seen at irregular times']:
-                self._seen_next = now + self._random.uniform(0.0, 0.1)
-        if self._commanded is not None and died is None:
-            self._acknowledge(obeyed, now, since, step)
+    def may_drive(self) -> bool:
+        return self.armed
 
-    def _acknowledge(self, obeyed: RaceState, now: float, since: float, step: float) -> None:
-        if self._is['floods'] and self._links == 1 and obeyed is IN_GARAGE:
-            self._say(encode(IN_GARAGE) * int(12_500 * step))
-        late = self._before is GRID_ACTIVE and obeyed is RED_RED and since < 0.9
-        if self._is['echoes an earlier order'] and late:
-            self._say(encode(GRID_ACTIVE))
-        if obeyed is not self._commanded or obeyed is IN_GARAGE:
+    def wants(self) -> float:
+        return TOP if self.obeyed is GREEN_GREEN else 0.0
+
+    def brakes(self) -> float:
+        return FLAG_BRAKING if self.obeyed is RED_FLAG else BRAKING
+
+    def speeds_up(self) -> float:
+        return ACCELERATION
+
+    def stack_is_dead(self) -> bool:
+        return self.died_at is not None
+
+    def base_wants(self) -> float:
+        return 0.0
+
+    def sees(self, speed: float) -> None:
+        self.take(speed)
+
+    def on_turn(self) -> None:
+        pass
+
+    def reports(self) -> None:
+        obeyed = self.obeyed
+        if obeyed is not self.commanded or obeyed is IN_GARAGE or not self.reached(obeyed):
             return
-        moves = self.speed > 0.0
-        reached = moves is (obeyed is GREEN_GREEN)
-        false = {
-            'creeps on the grid': GRID_ACTIVE,
-            'says that it drives before it does': GREEN_GREEN,
-        }
-        reached = reached or obeyed is false.get(self._fault)
-        early = {
-            'acknowledges RED_RED while RED_FLAG brakes': self._before is RED_FLAG,
-            'acknowledges RED_RED on a new connection while it rolls': self._orders == 1,
-        }
-        reached = reached or (obeyed is RED_RED and early.get(self._fault, False))
-        if not reached or self._keeps_quiet(obeyed):
-            return
-        if self._reached_at is None:
-            self._reached_at = now
-        self._armed = self._armed or obeyed is GRID_ACTIVE
-        if not (self._has['says every frame back'] and now > self._reached_at):
-            self._say(encode(obeyed))
+        if self.reached_at is None:
+            self.reached_at = self.now
+            self.say(encode(obeyed))
+        if obeyed is GRID_ACTIVE:
+            self.arm()
 
-    def _keeps_quiet(self, obeyed: RaceState) -> bool:
-        keeps = {
-            'is never ready': (GRID_ACTIVE, True),
-            'is ready only once': (GRID_ACTIVE, self._grids > 1),
-            'never says that it drives': (GREEN_GREEN, True),
-            'never acknowledges RED_FLAG': (RED_FLAG, True),
-            'never acknowledges RED_RED after a drive': (RED_RED, self._drove),
-            'never acknowledges RED_RED after FIN': (RED_RED, self._closed),
-            ECHOES_LATE: (RED_RED, True),
-        }
-        state, now = keeps.get(self._fault, (None, False))
-        return obeyed is state and now
+    def arm(self) -> None:
+        self.armed = True
+
+    def reached(self, obeyed: RaceState) -> bool:
+        return (self.speed > 0.0) is (obeyed is GREEN_GREEN)
+
+
+# ----- other karts --------------------------------------------------------------------------
+
+Kart = InspectedKart
+
+
+def stand_down(k: Kart) -> None:
+    k.commanded, k.armed = None, False
+
+
+def wait_for_error(k: Kart) -> None:
+    stand_down(k)
+    k.silence = 1e9
+    k.say(b' ')
+
+
+def take_whole_frames(k: Kart, data: bytes) -> None:
+    k.decoder = FrameDecoder()
+    Kart.take_in(k, data)
+
+
+def echo_late(k: Kart, state: RaceState) -> None:
+    """Echo later than the shortest time between two RED_RED of the inspection."""
+    link = k.links
+    k.loop.call_later(0.3, lambda: link == k.links and k.speed == 0.0 and k.say(encode(state)))
+
+
+def connect_twice(k: Kart) -> None:
+    Kart.connect(k)
+    if k.link is not None and not k.others:
+        k.others = [socket.create_connection(k.link.getpeername())]
+
+
+def half_a_frame(k: Kart) -> int:
+    """Return how much it reads, of which there is never so much that it misses other limits."""
+    assert k.link is not None
+    return max(6, unread(k.link) - 200)
+
+
+def report_each_turn(k: Kart) -> None:
+    k.reached_at = None
+    Kart.reports(k)
+
+
+def see_at_irregular_times(k: Kart, speed: float) -> None:
+    if k.now >= k.see_next:
+        k.take(speed)
+        k.see_next = k.now + k.random.uniform(0.0, 0.1)
+
+
+_FAULTS = """
+K-3A-01 | drives in the garage | wants 1.0 if k.obeyed is IN_GARAGE and k.since > 0.4
+K-3A-02 K-3A-11 | is never ready | reached False if x is GRID_ACTIVE
+K-3A-03 K-4C-07 | creeps on the grid | wants 0.5 if k.obeyed is GRID_ACTIVE;
+    reached True if x is GRID_ACTIVE
+K-3A-04 | never says that it drives | reached False if x is GREEN_GREEN
+K-3A-05 | says that it drives before it does | reached True if x is GREEN_GREEN;
+    wants 0.0 if k.obeyed is GREEN_GREEN and k.since < 1.0
+K-3A-06 | never acknowledges RED_FLAG | reached False if x is RED_FLAG
+K-3A-07 | echoes RED_FLAG | on_order k.say(b'$RED_FLAG;') if x is RED_FLAG
+K-3A-08 | rolls off after RED_FLAG |
+    wants 0.5 if k.obeyed is RED_FLAG and k.reached_at and k.now - k.reached_at > 1.1
+K-3A-09 | never acknowledges RED_RED after a drive | reached False if x is RED_RED and k.drove
+K-3A-10 K-3A-09 K-3A-12 K-3E-08 | echoes RED_RED | on_order k.say(b'$RED_RED;') if x is RED_RED
+K-3A-11 | is ready only once | reached False if x is GRID_ACTIVE and k.grids > 1
+K-3A-12 | acknowledges RED_RED while RED_FLAG brakes |
+    reached True if x is RED_RED and k.before is RED_FLAG
+K-3A-13 | brakes for RED_RED as for RED_FLAG | brakes FLAG_BRAKING if k.obeyed is RED_RED
+K-3A-13 | brakes on as for RED_FLAG when RED_RED comes |
+    brakes FLAG_BRAKING if k.obeyed is RED_RED and k.before is RED_FLAG
+K-3A-14 | is deaf after GREEN_GREEN | ignores k.obeyed is GREEN_GREEN and k.since < 1.2
+K-3A-10 K-3A-07 | acknowledges RED_RED in its dead time |
+    wants k.speed if k.obeyed is GREEN_GREEN and k.since < DEAD_TIME else TOP if
+    k.before is GREEN_GREEN and k.lasted < DEAD_TIME and abs(k.since - DEAD_TIME) < 0.15
+K-3B-01 K-3A-09 K-3B-02 K-3B-03 K-3B-04 K-3E-02 K-3E-05 K-3E-06 | obeys every GREEN_GREEN |
+    may_drive True
+K-3B-02 K-3A-09 | RED_RED does not disarm it |
+    stays_armed True if RED_RED in (k.before, k.commanded)
+K-3B-03 | is armed by hearing GRID_ACTIVE | on_order k.arm() if x is GRID_ACTIVE
+K-3B-04 | RED_FLAG does not disarm it | stays_armed True if RED_FLAG in (k.before, k.commanded)
+K-3C-01 K-3E-04 K-3E-06 K-3E-11 | drives on after FIN |
+    wants TOP if k.lost(GREEN_GREEN, 'closed')
+K-3E-01 K-3E-07 | drives on in silence | wants TOP if k.lost(GREEN_GREEN, 'silent')
+K-3E-02 | silence does not disarm it | stays_armed_on_new_link k.losses[-1] == 'silent'
+K-3E-03 | drives on after RST | wants TOP if k.lost(GREEN_GREEN, 'reset')
+K-3E-04 | does not notice a half-close | in_turns True; on_end k.say(b' ')
+K-3E-05 K-3E-06 | a lost connection does not disarm it |
+    stays_armed_on_new_link k.losses[-1] in ('closed', 'reset')
+K-3E-06 | a race control that is away arms it |
+    stays_armed_on_new_link k.losses[-1] == 'refused'
+K-3E-07 | takes malformed bytes for life | on_malformed setattr(k, 'heard_at', k.now)
+K-3E-08 | acknowledges RED_RED on a new connection while it rolls |
+    reached True if x is RED_RED and k.orders == 1
+K-3E-09 | drives on without its bridge | wants TOP if k.lost(GREEN_GREEN, 'killed')
+K-3E-10 | drives on without its stack | base_wants TOP
+K-4A-02 K-3A-02 K-3A-09 K-3A-11 K-3B-03 | opens two connections | connect connect_twice(k)
+K-4C-01 | says malformed frames | on_order k.say(b'$OK;') if x is GRID_ACTIVE
+K-4C-02 K-4C-04 | needs a whole frame in each read | take_in take_whole_frames(k, x)
+K-4C-02 K-4C-04 | echoes late, and needs a whole frame in each read |
+    take_in take_whole_frames(k, x); reached False if x is RED_RED;
+    on_frame echo_late(k, x) if x in (IN_GARAGE, RED_RED); says_garage False
+K-4C-03 | throws long reads away | take_in None if len(x) > 40
+K-4C-04 | forgets half a frame | take_in take_whole_frames(k, x) if k.now - k.took_at > 0.05
+K-4C-05 | takes 10 Hz for silence | silent True if k.frames and k.now - k.frames[0] > 0.9
+K-4C-06 | reads one frame a turn | in_turns True; size 13
+K-4C-09 K-3A-14 | reads half a frame a turn while it drives | in_turns True;
+    reports report_each_turn(k);
+    size half_a_frame(k) if k.speed > 0.0
+K-4C-07 K-3E-07 K-4C-09 | looks for GREEN_GREEN anywhere |
+    take_in Kart.take_in(k, b'$GREEN_GREEN;') if b'GREEN_GREEN' in x
+K-4C-08 | dies of malformed bytes | on_malformed k.lose('malformed')
+K-4C-09 | echoes an earlier order | on_turn k.say(b'$GRID_ACTIVE;') if
+    k.before is GRID_ACTIVE and k.obeyed is RED_RED and k.since < 0.9
+K-4C-10 | floods | reports report_each_turn(k);
+    on_turn k.say(b'$IN_GARAGE;' * int(12_500 * TURN)) if
+    k.links == 1 and k.obeyed is IN_GARAGE
+K-4C-11 | speaks first | greet k.say(b'$RED_RED;') if k.links == 1
+K-4C-12 | says on a new connection what it said before |
+    greet k.say(b'$RED_RED;') if k.links > 1
+K-4D-01 | FIN ends it | retries False if x == 'closed'
+K-4D-02 | RST ends it | retries False if x == 'reset'
+K-4D-03 K-3E-01 K-3E-07 K-4D-04 | waits for an error after a half-close | in_turns True;
+    on_end wait_for_error(k)
+K-4D-04 | keeps a silent connection | on_silence stand_down(k)
+K-4D-05 | gives up when it is refused | retries False if x == 'refused'
+K-4D-06 | never acknowledges RED_RED after FIN |
+    reached False if x is RED_RED and 'closed' in k.losses
+K-3A-15 | moves off long after a red |
+    wants 0.5 if k.commanded and k.obeyed is RED_RED and k.since > k.long_after
+K-3A-15 K-3A-01 | brakes backwards while it stands |
+    wants -1.0 if k.commanded is RED_RED and k.ordered_at_speed == 0.0 and k.since < 0.35
+K-3E-11 | coasts when its link is lost while RED_FLAG brakes |
+    brakes COASTING if k.lost(RED_FLAG)
+K-4C-09 K-3A-14 K-3A-16 | looks at no stop for a while after GREEN_GREEN |
+    ignores k.obeyed is GREEN_GREEN and 0.4 < k.since < 1.6; reports report_each_turn(k)
+K-3A-16 | ignores RED_FLAG at first | wants k.speed if k.obeyed is RED_FLAG and k.since < 1.0
+K-3A-01 | drives by itself long after IN_GARAGE |
+    wants 0.5 if k.obeyed is IN_GARAGE and k.since > k.long_after
+K-3A-14 K-3A-09 K-4C-09 | reads 17 frames a second while it drives | in_turns True;
+    read None if k.speed > 0.0 and k.now - k.took_at < 1 / 17; size 13 if k.speed > 0.0
+K-3B-04 | drives on when GREEN_GREEN comes while RED_FLAG brakes |
+    stays_armed True if RED_FLAG in (k.before, k.commanded) and k.speed > 0.0
+K-3E-06 | drives off long after race control went away |
+    wants 0.5 if k.link is None and k.now - k.heard_at > k.long_after
+K-3B-01 | IN_GARAGE does not disarm it |
+    stays_armed True if IN_GARAGE in (k.before, k.commanded)
+K-3A-16 | speeds up when RED_FLAG comes |
+    wants 2 * TOP if k.obeyed is RED_FLAG and k.since < 0.8 and k.speed > 0.0;
+    speeds_up ACCELERATION / 5 if k.obeyed is RED_FLAG
+K-3A-01 | rolls on in IN_GARAGE | brakes COASTING / 6 if k.obeyed is IN_GARAGE
+K-3E-02 | hears no silence on the grid | silent False if k.commanded is GRID_ACTIVE
+K-3E-10 | drives on when its stack is started again |
+    stack_is_dead False if k.died_at and k.now - k.died_at > k.long_after
+K-3E-11 | coasts when its link is lost while RED_RED brakes | brakes COASTING if k.lost(RED_RED)
+K-3E-11 | drives on in silence while RED_FLAG brakes | wants TOP if k.lost(RED_FLAG, 'silent');
+    brakes 0.8 * FLAG_BRAKING if k.obeyed is RED_FLAG
+K-3B-02 K-3A-09 | drives on when GREEN_GREEN comes while RED_RED brakes |
+    stays_armed True if RED_RED in (k.before, k.commanded) and k.speed > 0.0
+K-3A-14 K-3B-02 K-3B-04 K-3C-01 K-3E-11 | lets the brake go for a while in RED_RED |
+    wants 0.8 * TOP if k.drove and k.obeyed is RED_RED and 0.2 < k.since < 1.4 and k.speed > 0.0
+"""
+"""The sentence that a fault breaks, and others that it breaks in other steps; its name; and what
+each replaced method of `InspectedKart` returns (for k, and its argument x) and when."""
+
+_HABITS = """
+says a newline after each frame | say Kart.say(k, x + b'\\r\\n')
+says each byte by itself | say [Kart.say(k, bytes([each])) for each in x]
+says every frame back | on_frame k.say(encode(x)) if x is k.commanded and k.reached_at
+says in each turn what it has reached | reports report_each_turn(k)
+has a tiny window | prepare x.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
+is slow and gentle | speeds_up ACCELERATION / 10 * (k.since > DEAD_TIME);
+    brakes Kart.brakes(k) / 3 * min(max(k.since / DEAD_TIME - 1.0, 0.0), 1.0)
+brakes as a wheel that coasts down | brakes Kart.brakes(k) * 3 * k.speed / TOP if k.speed > 0.3
+takes a shorter silence for a loss | silent k.now - k.heard_at >= 0.9 * k.silence
+speeds up slowly and is seen at irregular times | speeds_up ACCELERATION / 10;
+    sees see_at_irregular_times(k, x)
+is seen late | sees k.loop.call_later(0.4, k.take, x)
+"""
+"""What is unusual about karts that are good, in the same form."""
+
+
+KINDS: dict[str, dict[str, Callable[..., Any]]] = {'': {}}
+"""The methods of `InspectedKart` that each kind of kart replaces."""
+
+
+def _read_table(table: str) -> Iterator[tuple[str, str]]:
+    """Put the karts of a table into `KINDS`; yield the name and the sentences of each."""
+    for row in table.strip().replace('\n    ', ' ').split('\n'):
+        *sentences, name, changes = (each.strip() for each in row.split(' | '))
+        KINDS[name] = {}
+        for change in changes.split('; '):
+            method, _, what = change.strip().partition(' ')
+            arguments = ', '.join('kx'[: getattr(Kart, method).__code__.co_argcount])
+            if ' if ' in what:
+                what += f' else Kart.{method}({arguments})'
+            KINDS[name][method] = eval(f'lambda {arguments}: {what}')  # noqa: S307 - a table's
+        yield name, ' '.join(sentences)
+
+
+BREAKS = {name: sentences.split() for name, sentences in _read_table(_FAULTS)}
+"""The sentence that each fault breaks, and then those that it breaks in other steps."""
+
+FAULTS = {name: sentences[0] for name, sentences in BREAKS.items()}
+
+HABITS = tuple(name for name, _ in _read_table(_HABITS))

@@ -9,12 +9,12 @@ import asyncio
 from collections.abc import Callable, Collection
 import dataclasses
 
-from evgp_inspection.inspection import inspect, Inspection
+from evgp_inspection.inspection import inspect
 from evgp_inspection.kart_script import Kill, START_KART_AGAIN
 from evgp_inspection.kart_sentences import KART
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take
-from evgp_inspection.verdicts import select, Verdict
+from evgp_inspection.verdicts import Inspection, select, Verdict
 from inspected_kart import InspectedKart
 import simulated
 
@@ -45,20 +45,17 @@ FULL = dataclasses.replace(Limits(), seed=1.0)
 
 def those(inspection: Inspection, verdict: Verdict) -> dict[str, str]:
     """Return the clauses with this verdict, and why."""
-    return {
-        each.clause.name: each.finding.why
-        for each in inspection.results
-        if each.verdict is verdict
-    }
+    return {each.clause.name: each.finding.why for each in inspection.having(verdict)}
 
 
 class OneInspection:
     """
     One inspection of one kart in this process, and its inspector.
 
-    :param fault: of the kart; empty: it is good.
+    :param kind: the fault or habit of the kart; empty: it is good and has none.
     :param seen: there is odometry.
-    :param habit: what is unusual about the kart.
+    :param long_after: time after which the kart moves off by itself, if that is its fault, s;
+        longer than any phase in which it stands, but for `dwell`.
     :param steps: those to be done; none: all that the clauses need.
     :param eyes: the inspector looks at the wheels; otherwise nothing is answered.
     :param starts_again: the inspector starts a kart again that has ended.
@@ -66,11 +63,10 @@ class OneInspection:
 
     def __init__(
         self,
-        fault: str = '',
+        kind: str = '',
         seen: bool = True,
         only: str = '',
         limits: Limits = SHORT,
-        habit: str = '',
         steps: Collection[str] = (),
         long_after: float = 1.8,
         eyes: bool = False,
@@ -80,7 +76,7 @@ class OneInspection:
         self.kart: InspectedKart | None = None
         self.driving = asyncio.Event()
         self.stopping = asyncio.Event()
-        self._fault, self._habit, self._long_after = fault, habit, long_after
+        self._kind, self._long_after = kind, long_after
         self._seen = seen
         self._only = only
         self._limits = limits
@@ -89,7 +85,6 @@ class OneInspection:
         self._starts_again = starts_again
         self._port = 0
         self._takes: list[Take] = []
-        self._running: asyncio.Task[None] | None = None
 
     def inspect(self) -> Inspection:
         """Inspect to the end, on a simulated clock."""
@@ -108,7 +103,7 @@ class OneInspection:
                 steps=self._steps,
             )
         finally:
-            await self._end_kart()
+            self._end_kart()
 
     def tell(self, line: str) -> None:
         self.lines.append(line)
@@ -123,7 +118,7 @@ class OneInspection:
             return False
         if question != START_KART_AGAIN or not self._starts_again:
             return None
-        await self._end_kart()
+        self._end_kart()
         self._start_kart(self._port)
         return True
 
@@ -135,23 +130,20 @@ class OneInspection:
 
         return kill
 
-    async def _end_kart(self) -> None:
-        if self._running is not None:
-            self._running.cancel()
-            await asyncio.gather(self._running, return_exceptions=True)
+    def _end_kart(self) -> None:
+        if self.kart is not None:
+            self.kart.end()
 
     def _start_kart(self, port: int) -> None:
         self._port = port
         self.kart = InspectedKart(
             port,
             self._take,
-            self._fault,
+            self._kind,
             self._limits.silence,
             self._seen,  # the one that nobody sees says no more than a kart has to
-            self._habit,
             self._long_after,
         )
-        self._running = asyncio.create_task(self.kart.run())
 
     def _take(self, speed: float) -> None:
         if speed > 1.0:

@@ -5,18 +5,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import pathlib
 import re
+from typing import Any
 
 from evgp_inspection.kart_script import STEPS
 from evgp_inspection.kart_sentences import BY_NAME, KART
 from evgp_inspection.limits import Limits
 from evgp_inspection.oracle import Oracle
-from evgp_inspection.report import as_html, as_json, Header
+from evgp_inspection.report import as_html, as_json
 from evgp_inspection.traces import Event, Kind
-from evgp_inspection.verdicts import Finding, Result, results_of, select, Verdict, verdict_on
+from evgp_inspection.verdicts import Finding, Inspection, Result, results_of, select, Verdict
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from hypothesis import given
@@ -122,7 +122,8 @@ def test_an_inspection_is_no_pass_while_a_starred_clause_was_not_judged() -> Non
             Result(each, Finding(Verdict.NOT_JUDGED if each is clause else Verdict.PASS, 'so'))
             for each in BY_NAME.values()
         ]
-        assert (verdict_on(found) is Verdict.PASS) != clause.starred
+        verdict = Inspection(found, LIMITS, finished=True).verdict
+        assert (verdict is Verdict.PASS) != clause.starred
 
 
 def test_a_clause_that_only_a_hold_up_excuses_is_no_pass_of_the_whole() -> None:
@@ -131,38 +132,34 @@ def test_a_clause_that_only_a_hold_up_excuses_is_no_pass_of_the_whole() -> None:
         findings = {each.name: Finding(Verdict.PASS, 'so') for each in KART}
         findings[clause.name] = Finding(Verdict.FAIL, 'so', evidence=(held_up,))
         found = results_of(findings, KART, LIMITS)
-        assert verdict_on(found) is Verdict.NOT_JUDGED
+        assert Inspection(found, LIMITS, finished=True).verdict is Verdict.NOT_JUDGED
 
 
 # ----- the report --------------------------------------------------------------------------
 
-HEADER = Header('kart 7', 'A & <B>', 'Ada "\x00"', '2026-05-01T10:00:00+02:00', 100.0, {})
 
-
-def results(verdict: Verdict, why: str = 'so it was') -> list[Result]:
-    return [Result(clause, Finding(verdict, why, 1.0, ()), 5.0) for clause in KART]
+def inspected(verdict: Verdict, why: str = 'so it was', **known: Any) -> Inspection:
+    results = [Result(clause, Finding(verdict, why, 1.0, ()), 5.0) for clause in KART]
+    return Inspection(results, LIMITS, **{'finished': True, **known})
 
 
 @given(st.text(max_size=60), st.text(max_size=60))
 def test_a_report_is_well_formed_whatever_people_and_karts_are_called(team: str, why: str) -> None:
-    header = dataclasses.replace(HEADER, team=team)
-    failed = results(Verdict.FAIL, why)
-    assert json.loads(as_json(header, failed))['team'] == team
-    page = as_html(dataclasses.replace(HEADER, team='<script>alert(1)</script>'), failed)
+    assert json.loads(as_json(inspected(Verdict.FAIL, why, team=team)))['team'] == team
+    page = as_html(inspected(Verdict.FAIL, why, team='<script>alert(1)</script>'))
     assert '<script' not in page
     assert 'http' not in page
 
 
 def test_a_report_on_an_inspection_that_was_not_finished_is_no_pass() -> None:
-    passed = results(Verdict.PASS)
     for finished, verdict in ((True, 'pass'), (False, 'not judged')):
-        header = dataclasses.replace(HEADER, finished=finished)
-        assert json.loads(as_json(header, passed))['verdict'] == verdict
-        assert f'<h1>{verdict.upper()}' in as_html(header, passed)
+        inspection = inspected(Verdict.PASS, finished=finished)
+        assert json.loads(as_json(inspection))['verdict'] == verdict
+        assert f'<h1>{verdict.upper()}' in as_html(inspection)
 
 
 def test_a_report_holds_what_odometry_says_when_it_says_nonsense() -> None:
     events = (Event(0.0, Kind.SPEED, value=float('nan')), Event(0.1, Kind.SPEED, value=1e999))
     result = Result(KART[0], Finding(Verdict.FAIL, 'so it was', None, events))
-    (check,) = json.loads(as_json(HEADER, [result]))['checks']
+    (check,) = json.loads(as_json(Inspection([result], LIMITS)))['checks']
     assert [each['value'] for each in check['evidence']] == [None, None]
