@@ -99,6 +99,7 @@ _FAST_DDS = """<?xml version="1.0" encoding="UTF-8"?>
   </transport_descriptors>
   <participant profile_name="graph" is_default_profile="true">
     <rtps>
+      {calls}
       <builtin>
         <discovery_config>
           <leaseAnnouncement><sec>{announcement}</sec></leaseAnnouncement>
@@ -118,10 +119,9 @@ _FAST_DDS = """<?xml version="1.0" encoding="UTF-8"?>
 </dds>
 """
 
-# This is set explicitly so that DDS does not open a multicast socket. Such a socket would hear
-# every interface on which any program of this machine has joined the group.
-_NO_MULTICAST = '<metatrafficUnicastLocatorList>{}</metatrafficUnicastLocatorList>'
-
+_CALLS = '<defaultUnicastLocatorList>{}</defaultUnicastLocatorList>'
+_UNICAST = '<metatrafficUnicastLocatorList>{}</metatrafficUnicastLocatorList>'
+_MULTICAST = '<metatrafficMulticastLocatorList>{}</metatrafficMulticastLocatorList>'
 _LOCATOR = '<locator><udpv4><address>{}</address></udpv4></locator>'
 _DISCOVERY_GROUP = '239.255.0.1'
 
@@ -161,13 +161,15 @@ def _refuse_domain() -> None:
             )
 
 
-def bind_graph() -> None:
+def bind_graph(*, always_here: bool = False) -> None:
     """
     Make DDS open its sockets only on loopback and on the interface that `INTERFACE` names.
 
     Call this before ``rclpy.init``. It changes the environment of this process. With Fast DDS, it
     also sets `HEARTBEAT` and `RECEIVE_BUFFER_BYTES`.
 
+    :param always_here: whether programs that start on this machine find this one even while the
+        interface that `INTERFACE` names is gone.
     :raises NotNowError: if no interface has that address now.
     :raises GraphError: if no interface can have that address, if the ROS domain does not exist, or
         if this function cannot configure the ROS middleware.
@@ -185,7 +187,8 @@ def bind_graph() -> None:
     # Only with this range does ROS leave everything to the settings below.
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
     # Race control's call to itself must prove that other calls can arrive (evgp_rcs.ros.node).
-    profile = _private_file(fast_dds_profile(interface, intraprocess=False))
+    content = fast_dds_profile(interface, intraprocess=False, always_here=always_here)
+    profile = _private_file(content)
     os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = profile
     os.environ['FASTDDS_DEFAULT_PROFILES_FILE'] = profile
     # Otherwise, a file with a certain name in the working directory would override the profile.
@@ -276,20 +279,14 @@ def network_of(address: str) -> ipaddress.IPv4Network | None:
     return next((each.network for each in own if str(each.ip) == address), None)
 
 
-def has_its_address() -> bool:
-    """Return whether this machine has the address that `INTERFACE` names, if it names one."""
-    named = os.environ.get(INTERFACE, '').strip()
-    return not named or named in interfaces()
-
-
 def trouble_of_graph(domain: int) -> str:
     """
     Return what is wrong with this process's graph, as a sentence; empty if nothing is.
 
     This takes about a millisecond. Any thread may call it.
     """
-    if not has_its_address():
-        named = os.environ[INTERFACE].strip()
+    named = os.environ.get(INTERFACE, '').strip()
+    if named and named not in interfaces():
         return (
             f'No interface of this machine has the address {named} now, so consoles on other '
             'machines cannot reach race control. Plug it in. Until then, use this machine to stop '
@@ -417,16 +414,29 @@ def is_security_enforced() -> bool:
     )
 
 
-def fast_dds_profile(interface: str, *, intraprocess: bool = True) -> str:
+def fast_dds_profile(
+    interface: str, *, intraprocess: bool = True, always_here: bool = False
+) -> str:
     """
     Return the profile for Fast DDS.
 
     :param interface: address of the interface besides loopback; empty if there is none.
     :param intraprocess: whether messages within a process bypass the sockets.
+    :param always_here: as for `bind_graph`. For each program with this setting, the others on the
+        network send a copy of what is for it to their own loopback.
     """
     addresses = [LOOPBACK, *filter(None, [interface])]
     # DDS finds other machines by multicast, which it sends only through this interface.
-    peers = [LOOPBACK, *([_DISCOVERY_GROUP] if interface else [])]
+    group = [_DISCOVERY_GROUP] if interface else []
+    calls = listening = ''
+    if not interface:
+        # DDS must not open a multicast socket. Such a socket would hear every interface on which
+        # any program of this machine has joined the group.
+        listening = _UNICAST.format(_locators(addresses))
+    elif always_here:
+        # By itself, DDS would name only the interface to other programs.
+        calls = _CALLS.format(_locators(addresses))
+        listening = _UNICAST.format(_locators(addresses)) + _MULTICAST.format(_locators(group))
     return _FAST_DDS.format(
         addresses=''.join(f'<address>{each}</address>' for each in addresses),
         processes=PROCESSES,
@@ -434,9 +444,14 @@ def fast_dds_profile(interface: str, *, intraprocess: bool = True) -> str:
         heartbeat_ns=round(HEARTBEAT * 1e9),
         receive_buffer=RECEIVE_BUFFER_BYTES,
         intraprocess='FULL' if intraprocess else 'OFF',
-        listening='' if interface else _NO_MULTICAST.format(_LOCATOR.format(LOOPBACK)),
-        peers=''.join(_LOCATOR.format(each) for each in peers),
+        calls=calls,
+        listening=listening,
+        peers=_locators([LOOPBACK, *group]),
     )
+
+
+def _locators(addresses: list[str]) -> str:
+    return ''.join(_LOCATOR.format(each) for each in addresses)
 
 
 def cyclone_dds_configuration(interface: str) -> str:

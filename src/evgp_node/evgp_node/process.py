@@ -60,6 +60,7 @@ def run_node(
     refusals: tuple[type[Exception], ...],
     args: list[str] | None = None,
     obstacles: tuple[type[Exception], ...] = (),
+    always_here: bool = False,
 ) -> int:
     """
     Run a node until a signal of `ENDING`, and then `close` it. After that, the process must end.
@@ -74,6 +75,7 @@ def run_node(
         node reports them later.
     :param args: command-line arguments; None for those of this process.
     :param obstacles: exceptions that `make_node` raises if something is in the way for now.
+    :param always_here: as for ``graph.bind_graph``.
     :return: 0 after an orderly end, 1 if the node could not go on (a traceback on stderr says
         why), `WRONG_SETTING` or `IN_THE_WAY`.
     """
@@ -88,7 +90,9 @@ def run_node(
     # Ctrl-Z would leave karts in the state that they were sent last.
     signal.signal(signal.SIGTSTP, signal.SIG_IGN)
     with unwaiting_output():
-        code, take_down = _run(name, make_node, refusals, args, obstacles, ending, end)
+        code, take_down = _run(
+            name, make_node, refusals, args, obstacles, always_here, ending, end
+        )
     end_within(TEARDOWN_TIMEOUT, code)
     # Python removes its handlers before the process ends; a signal could then change its code.
     for number in ENDING:
@@ -97,14 +101,15 @@ def run_node(
     return code
 
 
-def join_graph(program: str, arguments: Sequence[str]) -> None:
+def join_graph(program: str, arguments: Sequence[str], *, always_here: bool = False) -> None:
     """
     Start ROS on loopback, or on the interface that is set. The program handles signals itself.
 
     :param arguments: the program's arguments, of which ROS reads those after ``--ros-args``.
+    :param always_here: as for ``graph.bind_graph``.
     :raises GraphError: if no interface has the address that is set.
     """
-    bind_graph()
+    bind_graph(always_here=always_here)
     # Messages load numpy, whose threads, one for each processor, none of our programs needs.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     # A log file on a hanging disk would block everything, for the reason in `unwaiting_output`. On
@@ -132,6 +137,7 @@ def _run(
     refusals: tuple[type[Exception], ...],
     args: list[str] | None,
     obstacles: tuple[type[Exception], ...],
+    always_here: bool,
     ending: socket.socket,
     end: socket.socket,
 ) -> tuple[int, Callable[[], object]]:
@@ -144,7 +150,7 @@ def _run(
 
     program, *given = sys.argv if args is None else args
     try:
-        join_graph(program, given)
+        join_graph(program, given, always_here=always_here)
         node = make_node(fail)
     except (NotNowError, *obstacles) as error:
         print(f'{name}: {error}', file=sys.stderr)

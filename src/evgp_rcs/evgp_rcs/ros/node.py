@@ -33,7 +33,6 @@ from typing import Any
 from evgp_node.graph import (
     EVERY,
     GraphError,
-    has_its_address,
     Inbox,
     refuse_open_graph,
     trouble_of_graph,
@@ -327,13 +326,9 @@ class RcsNode(StrictNode):
                     )
                     return
                 self._rival = look_for_rivals(self)
-                # DDS sends these calls only through the officials' address. While that address is
-                # gone, because someone pulled the cable, these calls cannot arrive. Calls of other
-                # programs on this machine still can.
-                if has_its_address():
-                    self._calls += 1
-                    called = self._self_call.call_async(SignOfLife.Request(number=self._calls))
-                    self._self_call.remove_pending_request(called)
+                self._calls += 1
+                called = self._self_call.call_async(SignOfLife.Request(number=self._calls))
+                self._self_call.remove_pending_request(called)
             self._give_sign_of_life()
             if self._closing.wait(ALIVE_EVERY):
                 return
@@ -469,7 +464,7 @@ def main(args: list[str] | None = None) -> int:
     priority.come_before_others()
     refusals = (ParameterError, GraphError, RosterError)
     obstacles = (RivalError, AddressTakenError, KartServerError)
-    return run_node('rcs', RcsNode, refusals, args, obstacles=obstacles)
+    return run_node('rcs', RcsNode, refusals, args, obstacles=obstacles, always_here=True)
 
 
 if __name__ == '__main__':
