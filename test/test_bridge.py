@@ -33,7 +33,7 @@ from evgp_testing.fixtures import (
     StartBase,
     StartBridge,
 )
-from evgp_testing.kart import Bridge, ExampleStack, Team
+from evgp_testing.kart import Bridge, Team
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import executable, Process, Program
@@ -127,7 +127,7 @@ class OneKartRace:
         self.team.wait_for_state(GREEN_GREEN)
         self.team.wait_for_stop(False)
 
-    def drive(self, stack: ExampleStack) -> None:
+    def drive(self, stack: Process) -> None:
         stack.wait_for_line('IN_GARAGE')
         self.team.wait_for_speed(lambda speed: speed == 0.0)
         self.grid()
@@ -137,6 +137,10 @@ class OneKartRace:
 
 
 StartRace = Callable[..., OneKartRace]
+
+
+def start_stack(domain: int, program: str = 'example_stack', **parameters: object) -> Process:
+    return Process('evgp_kart_bridge', program, domain, parameters)
 
 
 def publish(
@@ -607,7 +611,7 @@ def test_a_kart_that_stops_itself_in_green_green_says_red_red_once_it_stands(
 
 def test_a_stack_stops_when_its_bridge_dies_or_hangs(start_race: StartRace) -> None:
     race = start_race()
-    with ExampleStack(race.bridge.domain) as stack:
+    with start_stack(race.bridge.domain) as stack:
         for number in (signal.SIGSTOP, signal.SIGKILL):
             race.drive(stack)
             race.bridge.signal(number)
@@ -626,7 +630,7 @@ def test_a_bridge_that_fails_tells_its_stack_red_red_first(
     start_race: StartRace, tmp_path: pathlib.Path
 ) -> None:
     race = start_race(program=program_of(BridgeThatRaises, tmp_path))
-    with ExampleStack(race.bridge.domain) as stack:
+    with start_stack(race.bridge.domain) as stack:
         race.drive(stack)
         told = race.team.wait_for_state(RED_RED)
         assert told.reason == 'the bridge has ended'
@@ -639,7 +643,7 @@ def test_a_bridge_that_does_not_hear_its_team_stops_the_kart(
     start_race: StartRace, tmp_path: pathlib.Path
 ) -> None:
     race = start_race(program=program_of(BridgeThatHangs, tmp_path))
-    with ExampleStack(race.bridge.domain) as stack:
+    with start_stack(race.bridge.domain) as stack:
         race.drive(stack)
         told = race.team.wait_for_state(RED_RED)
         assert "the bridge has not received its team's messages for 1 s" in told.reason
@@ -653,7 +657,7 @@ def test_a_stack_that_fails_brakes_to_a_stop(
 ) -> None:
     race = start_race()
     program = program_of(StackThatRaises, tmp_path)
-    with ExampleStack(race.bridge.domain, program=program) as stack:
+    with start_stack(race.bridge.domain, program) as stack:
         race.drive(stack)
         assert stack.wait() == 1
         assert 'LookupError: the fault' in stack.output
@@ -759,7 +763,7 @@ def test_the_example_stack_tells_motors_its_speed_and_measures_none(
 ) -> None:
     race, speed = start_race(), SPEED_OF['twist_stamped']
     told = race.team.hear(TwistStamped, '/cmd_vel')
-    stack = parts.enter_context(ExampleStack(race.bridge.domain, {'command': 'twist_stamped'}))
+    stack = parts.enter_context(start_stack(race.bridge.domain, command='twist_stamped'))
     stack.wait_for_line('IN_GARAGE')
     race.grid()
     race.start()

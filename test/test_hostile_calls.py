@@ -15,7 +15,7 @@ from evgp_node.official import MOST
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain, free_port
-from evgp_testing.kart import Bridge, ExampleStack
+from evgp_testing.kart import Bridge
 from evgp_testing.official import SERVICES
 from evgp_testing.process import Process
 from evgp_testing.race_control import address_of, RaceControl
@@ -167,7 +167,7 @@ def attacked(
             process = Bridge(domain.number, free_port(), address_of(1))
             own = OF_BRIDGE
         else:
-            process = ExampleStack(domain.number)
+            process = Process('evgp_kart_bridge', 'example_stack', domain.number)
         with process:
             yield process, request.param, own, domain.number
             assert process.close() == 0, process.output

@@ -21,7 +21,8 @@ from evgp_kart_bridge.orders import TOO_LATE
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
 from evgp_testing.domains import Domain
-from evgp_testing.kart import Bridge, ExampleStack, Team
+from evgp_testing.kart import Bridge, Team
+from evgp_testing.process import Process
 from evgp_testing.race_control import address_of
 from nav_msgs.msg import Odometry
 import pytest
@@ -98,7 +99,8 @@ class Kart:
         self._parameters = parameters
         self.start_bridge(bridge_on_it)
         with clock.on_it():
-            self.stack = parts.enter_context(ExampleStack(self.domain, parameters))
+            stack = Process('evgp_kart_bridge', 'example_stack', self.domain, parameters)
+            self.stack = parts.enter_context(stack)
 
     def start_bridge(self, on_it: bool = True) -> None:
         """Start the bridge, for the first time or again; on a right clock if not `on_it`."""

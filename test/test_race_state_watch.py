@@ -38,8 +38,7 @@ from rig.cpp import CPP, need_package
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE
 RED_RED = RaceState.RED_RED
-LEASE = 0.5
-LONG = 60.0  # however slow this machine is
+LEASE, LONGEST_LEASE = 0.5, 2.0
 TOO_LATE = (
     'this node was too busy, or the bridge silent, for more than 1 s since GRID_ACTIVE; the kart '
     'waits for the next one'
@@ -88,7 +87,6 @@ class StackInPython(Waits, RosSide):
         domain: int,
         name: str,
         lease: float = LEASE,
-        forgiven: float = FORGIVEN,
         turn: float = 0.0,
     ) -> None:
         super().__init__(name, domain)
@@ -96,8 +94,7 @@ class StackInPython(Waits, RosSide):
         self.turns = 0
         self._busy = threading.Lock()
         self._busy_at: RaceState | None = None
-        self.watch = RaceStateWatch(self.node, self._tell)
-        self.watch._orders._lease, self.watch._orders._forgiven = lease, forgiven
+        self.watch = RaceStateWatch(self.node, self._tell, lease=lease)
         # A message that changes no state is told to nobody: look for it now and then.
         self.node.create_timer(0.02, self._wake)
         if turn:
@@ -139,7 +136,6 @@ class StackInCpp(Waits, Part):
         domain: int,
         name: str,
         lease: float = LEASE,
-        forgiven: float = FORGIVEN,
         turn: float = 0.0,
     ) -> None:
         self.told = []
@@ -148,7 +144,7 @@ class StackInCpp(Waits, Part):
         self._looks: queue.Queue[list[str]] = queue.Queue()
         self._orders: dict[int, Order] = {}
         self._probe = subprocess.Popen(
-            [executable(CPP, 'watch_probe'), self.node, name, *map(str, (lease, forgiven, turn))],
+            [executable(CPP, 'watch_probe'), self.node, name, str(lease), str(turn)],
             env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -316,14 +312,8 @@ def start_stack(
 
 
 @pytest.fixture
-def forgiven() -> float:
-    """Return how long a doubt is forgiven, seconds."""
-    return FORGIVEN
-
-
-@pytest.fixture
-def stack(start_stack: StartStack, forgiven: float) -> Stack:
-    return start_stack('stack', forgiven=forgiven)
+def stack(start_stack: StartStack) -> Stack:
+    return start_stack('stack')
 
 
 @pytest.fixture
@@ -442,7 +432,6 @@ def test_a_bridge_that_was_away_for_long_is_back_without_its_start(
     stack.wait_for_state(GREEN_GREEN)
 
 
-@pytest.mark.parametrize('forgiven', [LONG])
 def test_a_red_that_is_overtaken_while_the_stack_is_busy_is_heard(
     stack: Stack, idle_stack: Stack, start_bare: StartBare
 ) -> None:
@@ -473,8 +462,8 @@ def test_what_a_bridge_said_before_a_stack_began_does_not_start_it(
 def test_a_stack_whose_turns_are_slow_is_not_behind(
     start_stack: StartStack, start_bare: StartBare
 ) -> None:
-    slow = start_stack('slow', lease=LONG, turn=0.3)  # six messages are said meanwhile
-    prompt = start_stack('prompt', lease=LONG)
+    slow = start_stack('slow', lease=LONGEST_LEASE, turn=0.3)  # six messages are said meanwhile
+    prompt = start_stack('prompt', lease=LONGEST_LEASE)
     bridge = start_green(start_bare, slow, prompt)
     while_green = slow.turns + 12
     slow.wait_until_polled(lambda: slow.turns > while_green, 'turns in GREEN_GREEN')
@@ -487,7 +476,6 @@ def test_a_stack_whose_turns_are_slow_is_not_behind(
     assert slow.watch.reason == ''
 
 
-@pytest.mark.parametrize('forgiven', [LONG])
 def test_a_grid_active_of_a_second_bridge_starts_no_kart(
     stack: Stack, start_bare: StartBare
 ) -> None:

@@ -41,7 +41,7 @@ from evgp_node.rclpy_private import RCLError
 from evgp_node.stamps import stamp
 from evgp_node.states import state_message, state_of
 from evgp_protocol import clock
-from evgp_protocol.arbiter import Arbiter, Names, Reaction, Settings, StopSource, Verdict
+from evgp_protocol.arbiter import Arbiter, Reaction, Settings, StopSource, Verdict
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
@@ -235,9 +235,8 @@ class KartBridge(StrictNode):
         # reads the same time at each boot.
         first_order = random.SystemRandom().randint(1, MOST_FIRST_ORDER)
         self._identity = first_order  # which no other bridge has
-        names = Names(self._peer, self._odometry_topic)
         # The link owns the arbiter. This class only reads it, in the link's thread.
-        self._arbiter = arbiter = Arbiter(settings, first_order, names)
+        self._arbiter = arbiter = Arbiter(settings, first_order, self._peer, self._odometry_topic)
         if not (settings.odometry_required or settings.auto_acknowledge_stop):
             self.get_logger().warning(
                 f'Until odometry arrives on {self._odometry_topic}, this bridge cannot check '

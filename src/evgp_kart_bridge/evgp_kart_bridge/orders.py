@@ -92,7 +92,6 @@ class Orders:
     def __init__(self, lease: float) -> None:
         self.said: Said | None = None
         self._lease = lease
-        self._forgiven = FORGIVEN
         self._heard_at = -math.inf
         self._bridges_alive: int | None = None  # None: not reported yet
         self._armed_by: int | None = None  # the bridge whose GRID_ACTIVE was heard
@@ -188,7 +187,7 @@ class Orders:
     def _is_armed(self, now: float) -> bool:
         if self.said is None or self._armed_by != self.said.bridge:
             return False
-        return now - self._sure_at <= self._forgiven
+        return now - self._sure_at <= FORGIVEN
 
     def _follow(self, said: Said, now: float) -> None:
         """
@@ -203,7 +202,7 @@ class Orders:
         if said.state is not RaceState.GREEN_GREEN:
             self._grid_by = said.bridge if said.state is RaceState.GRID_ACTIVE else None
         doubt = self.doubt(now)
-        forgiven = now - self._sure_at <= self._forgiven and self._bridges_alive in (None, 1)
+        forgiven = now - self._sure_at <= FORGIVEN and self._bridges_alive in (None, 1)
         if said.state is RaceState.GRID_ACTIVE:
             self._armed_by = said.bridge if forgiven or not doubt else None
         elif said.state is not RaceState.GREEN_GREEN or not self._is_armed(now):

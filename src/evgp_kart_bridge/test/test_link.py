@@ -12,7 +12,7 @@ import threading
 import time
 
 from evgp_kart_bridge.link import LinkClosedError, LinkSettings, LinkStatus, RaceControlLink
-from evgp_protocol.arbiter import Arbiter, Names, Reaction, Settings, Verdict
+from evgp_protocol.arbiter import Arbiter, Reaction, Settings, Verdict
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 import pytest
@@ -33,7 +33,7 @@ class Running:
         self.failures: list[BaseException] = []
         self._news = threading.Condition()
         self.link = RaceControlLink(
-            Arbiter(Settings(frame_timeout=frame_timeout), 1, Names(f'the host at {port}')),
+            Arbiter(Settings(frame_timeout=frame_timeout), 1, f'the host at {port}'),
             LinkSettings('127.0.0.1', port, local_address),
             self._hear,
             self._fail,

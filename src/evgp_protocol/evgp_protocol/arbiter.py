@@ -139,19 +139,6 @@ class Settings:
 
 
 @dataclasses.dataclass(frozen=True)
-class Names:
-    """
-    Names used in messages for people. No rule depends on them.
-
-    :ivar race_control: the address of race control.
-    :ivar odometry: the topic of the kart's odometry.
-    """
-
-    race_control: str = 'race control'
-    odometry: str = '~/odom'
-
-
-@dataclasses.dataclass(frozen=True)
 class Verdict:
     """
     What the kart must do now.
@@ -201,14 +188,21 @@ class Arbiter:
     :param first_order: the number of the first command, 1 or more; later commands count up from
         it. Choose one far from those of earlier arbiters of this kart, because an acknowledgement
         may be on its way while the bridge restarts.
-    :param names: the names to use in messages.
+    :param race_control: the address of race control, for messages only.
+    :param odometry: the topic of the kart's odometry, for messages only.
     """
 
-    def __init__(self, settings: Settings, first_order: int, names: Names | None = None) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        first_order: int,
+        race_control: str = 'race control',
+        odometry: str = '~/odom',
+    ) -> None:
         if first_order < 1:
             raise ValueError(f'first_order must be 1 or more, not {first_order}')
         self._settings = settings
-        self._names = names or Names()
+        self._race_control, self._odometry = race_control, odometry
         self._next_order = first_order
         self._now = -math.inf
         # The connection.
@@ -291,7 +285,7 @@ class Arbiter:
         """Return why missing odometry prevents acknowledgements; empty if it does not."""
         if not self._odometry_expected:
             return ''
-        topic = self._names.odometry
+        topic = self._odometry
         if two := self._engaged.get(StopSource.ODOMETRIES):
             return f'{two}; only one may publish {topic}'
         if self._now - self._speed_at <= ODOMETRY_FRESH:
@@ -428,7 +422,7 @@ class Arbiter:
             if self._open:
                 give_up = 'the clock went backwards'
         elif self._open and now >= self._heard_at + settings.frame_timeout:
-            peer = self._names.race_control
+            peer = self._race_control
             if self._commanded is None:
                 give_up = f'{peer} accepts but sends no race state: is it race control?'
             else:

@@ -414,8 +414,8 @@ SPEEDS = [('speed', value) for value in (0.0, 1.0, math.nan)]
 # Of the numbers of orders, only whether there is one counts: the next is always a new one. The
 # second line is for the reason only.
 LEFT_OUT = {
-    *('_settings', '_names', '_now', '_next_order', '_timeouts'),
-    *('_absence', '_not_armed', '_starting'),
+    *('_settings', '_now', '_next_order', '_timeouts'),
+    *('_race_control', '_odometry', '_absence', '_not_armed', '_starting'),
 }
 
 

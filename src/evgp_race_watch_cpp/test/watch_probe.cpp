@@ -3,7 +3,7 @@
 
 /// Runs a RaceStateWatch for test_race_state_watch.py, with commands on stdin, answers on stdout.
 ///
-///     watch_probe <kind of node> <name> <lease, s> <forgiven, s>
+///     watch_probe <kind of node> <name> <lease, s>
 ///         <duration of a turn that keeps the executor busy, s; 0 if none does>
 
 #include <chrono>
@@ -29,15 +29,14 @@ struct Watch : evgp_race_watch_cpp::RaceStateWatch
 {
   using RaceStateWatch::said;
 
-  Watch(
-    NodeInterfaces node, std::function<void(RaceState)> on_change, double lease, double forgiven)
-  : RaceStateWatch(node, on_change, "kart_bridge/race_state", lease, forgiven) {}
+  Watch(NodeInterfaces node, std::function<void(RaceState)> on_change, double lease)
+  : RaceStateWatch(node, on_change, "kart_bridge/race_state", lease) {}
 };
 
 int number(RaceState state) {return static_cast<int>(state);}
 
 template<typename NodeT>
-void probe(const std::string & name, double lease, double forgiven, double busy)
+void probe(const std::string & name, double lease, double busy)
 {
   const auto node = std::make_shared<NodeT>(name);
   std::mutex writing, being_busy;
@@ -51,7 +50,7 @@ void probe(const std::string & name, double lease, double forgiven, double busy)
       say("told " + std::to_string(number(state)));
       std::unique_lock<std::mutex> lock(being_busy);
       free.wait(lock, [&]() {return number(state) != busy_at;});
-    }, lease, forgiven);
+    }, lease);
   const std::chrono::duration<double> turn(busy);
   rclcpp::TimerBase::SharedPtr turns;
   if (turn.count() > 0) {
@@ -92,7 +91,5 @@ int main(int argc, char ** argv)
   const auto arguments = rclcpp::init_and_remove_ros_arguments(argc, argv);
   const bool plain = arguments.at(1) == "node";
   const auto run = plain ? probe<rclcpp::Node> : probe<rclcpp_lifecycle::LifecycleNode>;
-  run(
-    arguments.at(2), std::stod(arguments.at(3)), std::stod(arguments.at(4)),
-    std::stod(arguments.at(5)));
+  run(arguments.at(2), std::stod(arguments.at(3)), std::stod(arguments.at(4)));
 }

@@ -42,7 +42,7 @@ from evgp_rehearsal.field import Connected, Failure, Field, LINE, TICK_LENGTH
 from evgp_rehearsal.incidents import ALERTS, can_begin, choose_kart, INCIDENTS, LASTS
 from evgp_rehearsal.plan import Plan
 from evgp_testing.domains import Domain
-from evgp_testing.kart import Bridge, ExampleStack
+from evgp_testing.kart import Bridge
 from evgp_testing.official import Official
 from evgp_testing.part import Part
 from evgp_testing.process import Process
@@ -174,7 +174,8 @@ class Rehearsal(Part):
             for number in bridges:
                 bridge = Bridge(self.domains[number], self.control.port, address_of(number))
                 stack.enter_context(bridge)
-                stack.enter_context(ExampleStack(self.domains[number]))
+                process = Process('evgp_kart_bridge', 'example_stack', self.domains[number])
+                stack.enter_context(process)
             if window:
                 self.open_window()
             stack.callback(self._close_window)

@@ -62,24 +62,6 @@ class Bridge(Process):
         )
 
 
-class ExampleStack(Process):
-    """
-    The example autonomy stack on the domain of its bridge.
-
-    :param parameters: ROS parameters of the node.
-    :param program: an executable of the package, or the path of another program.
-    """
-
-    def __init__(
-        self,
-        domain: int,
-        parameters: Mapping[str, object] | None = None,
-        program: str = 'example_stack',
-    ) -> None:
-        """Start the stack, even if it does not find the bridge."""
-        super().__init__('evgp_kart_bridge', program, domain, parameters)
-
-
 class Team(RosSide):
     """
     A team's node beside its bridge.

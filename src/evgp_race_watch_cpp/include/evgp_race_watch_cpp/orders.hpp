@@ -93,9 +93,8 @@ class Orders
 {
 public:
   /// \param lease silence of the bridge after which the kart must obey RED_RED, in seconds.
-  /// \param forgiven a value to use instead of FORGIVEN, in seconds.
-  explicit Orders(double lease, double forgiven = FORGIVEN)
-  : lease_(lease), forgiven_(forgiven) {order(never);}
+  explicit Orders(double lease)
+  : lease_(lease) {order(never);}
 
   /// The bridge's last message, if there was one.
   const std::optional<Said> & said() const {return said_;}
@@ -245,7 +244,7 @@ private:
   double ends_at() const
   {
     const bool starts = order_.state == RaceState::GREEN_GREEN;
-    const double unarmed_at = starts ? sure_at_ + forgiven_ : endless;
+    const double unarmed_at = starts ? sure_at_ + FORGIVEN : endless;
     return order_ == Order{order_.serial} ? endless : std::min(heard_at_ + lease_, unarmed_at);
   }
 
@@ -253,7 +252,7 @@ private:
 
   bool is_armed(double now) const
   {
-    return said_ && armed_by_ == said_->bridge && now - sure_at_ <= forgiven_;
+    return said_ && armed_by_ == said_->bridge && now - sure_at_ <= FORGIVEN;
   }
 
   /// Arm or disarm by the newest message.
@@ -266,7 +265,7 @@ private:
     }
     const bool sure = doubt(now).empty();
     if (said_->state == RaceState::GRID_ACTIVE) {
-      const bool forgives = now - sure_at_ <= forgiven_ && is_alone();
+      const bool forgives = now - sure_at_ <= FORGIVEN && is_alone();
       armed_by_ = sure || forgives ? std::optional(said_->bridge) : std::nullopt;
     } else if (said_->state != RaceState::GREEN_GREEN || !is_armed(now)) {
       armed_by_.reset();
@@ -284,7 +283,6 @@ private:
   }
 
   const double lease_;
-  const double forgiven_;
   std::optional<Said> said_;
   double heard_at_ = never;
   std::optional<int> bridges_alive_;  // none until the middleware reports it

@@ -64,7 +64,42 @@ public:
   explicit RaceStateWatch(
     NodeInterfaces node, std::function<void(RaceState)> on_change = {},
     const std::string & topic = "kart_bridge/race_state", double lease = LEASE)
-  : RaceStateWatch(node, std::move(on_change), topic, valid_lease(lease), FORGIVEN) {}
+  : on_change_(std::move(on_change)), log_(node.get_node_logging_interface()->get_logger()),
+    orders_(valid_lease(lease)),
+    bell_(std::make_shared<rclcpp::GuardCondition>(node.get_node_base_interface()->get_context()))
+  {
+    const std::lock_guard<std::mutex> lock(ordering_);  // the node may spin already
+    const auto base = node.get_node_base_interface();
+    // One group, so that subscription and alarm never run at the same time.
+    const auto group = base->create_callback_group(rclcpp::CallbackGroupType::MutuallyExclusive);
+    bridge_ = rclcpp::create_client<Acknowledge>(
+      base, node.get_node_graph_interface(), node.get_node_services_interface(),
+      topic.substr(0, topic.rfind('/') + 1) + "acknowledge", rclcpp::ServicesQoS(), group);
+    rclcpp::SubscriptionOptions options;
+    options.callback_group = group;
+    options.use_intra_process_comm = rclcpp::IntraProcessSetting::Disable;
+    options.event_callbacks.liveliness_callback =
+      [this](rclcpp::QOSLivelinessChangedInfo & info) {pass({}, info.alive_count);};
+    auto qos = rclcpp::QoS(BACKLOG).reliable().durability_volatile();
+    qos.liveliness(rclcpp::LivelinessPolicy::ManualByTopic);
+    qos.liveliness_lease_duration(rclcpp::Duration::from_seconds(lease));
+    subscription_ = rclcpp::create_subscription<Message>(
+      node, topic, qos, [this](const Message & message) {pass({said_of(message)});}, options);
+    // The middleware reports when the bridge is gone. In case it does not, the alarm lets the
+    // watch check the clock. A timer would not work, because some middlewares wait for timers by
+    // the wall clock, which may be set back. The node's own guard condition would make the executor
+    // collect its nodes again.
+    alarm_ = std::make_shared<rclcpp::executors::ExecutorNotifyWaitable>([this]() {pass({});});
+    alarm_->add_guard_condition(bell_);
+    node.get_node_waitables_interface()->add_waitable(alarm_, group);
+    const std::chrono::duration<double> interval(std::min(lease / 5, 0.1));
+    ringing_ = std::thread([this, interval]() {
+          while (!ended_) {
+            std::this_thread::sleep_for(interval);
+            bell_->trigger();
+          }
+        });
+  }
 
   RaceStateWatch(const RaceStateWatch &) = delete;
   RaceStateWatch & operator=(const RaceStateWatch &) = delete;
@@ -123,47 +158,6 @@ public:
   }
 
 protected:
-  /// For tests: as above, with a value to use instead of FORGIVEN, in seconds.
-  RaceStateWatch(
-    NodeInterfaces node, std::function<void(RaceState)> on_change, const std::string & topic,
-    double lease, double forgiven)
-  : on_change_(std::move(on_change)), log_(node.get_node_logging_interface()->get_logger()),
-    orders_(lease, forgiven),
-    bell_(std::make_shared<rclcpp::GuardCondition>(node.get_node_base_interface()->get_context()))
-  {
-    const std::lock_guard<std::mutex> lock(ordering_);  // the node may spin already
-    const auto base = node.get_node_base_interface();
-    // One group, so that subscription and alarm never run at the same time.
-    const auto group = base->create_callback_group(rclcpp::CallbackGroupType::MutuallyExclusive);
-    bridge_ = rclcpp::create_client<Acknowledge>(
-      base, node.get_node_graph_interface(), node.get_node_services_interface(),
-      topic.substr(0, topic.rfind('/') + 1) + "acknowledge", rclcpp::ServicesQoS(), group);
-    rclcpp::SubscriptionOptions options;
-    options.callback_group = group;
-    options.use_intra_process_comm = rclcpp::IntraProcessSetting::Disable;
-    options.event_callbacks.liveliness_callback =
-      [this](rclcpp::QOSLivelinessChangedInfo & info) {pass({}, info.alive_count);};
-    auto qos = rclcpp::QoS(BACKLOG).reliable().durability_volatile();
-    qos.liveliness(rclcpp::LivelinessPolicy::ManualByTopic);
-    qos.liveliness_lease_duration(rclcpp::Duration::from_seconds(lease));
-    subscription_ = rclcpp::create_subscription<Message>(
-      node, topic, qos, [this](const Message & message) {pass({said_of(message)});}, options);
-    // The middleware reports when the bridge is gone. In case it does not, the alarm lets the
-    // watch check the clock. A timer would not work, because some middlewares wait for timers by
-    // the wall clock, which may be set back. The node's own guard condition would make the executor
-    // collect its nodes again.
-    alarm_ = std::make_shared<rclcpp::executors::ExecutorNotifyWaitable>([this]() {pass({});});
-    alarm_->add_guard_condition(bell_);
-    node.get_node_waitables_interface()->add_waitable(alarm_, group);
-    const std::chrono::duration<double> interval(std::min(lease / 5, 0.1));
-    ringing_ = std::thread([this, interval]() {
-          while (!ended_) {
-            std::this_thread::sleep_for(interval);
-            bell_->trigger();
-          }
-        });
-  }
-
   /// For tests: the bridge's last message, if there was one.
   std::optional<Said> said() const
   {
