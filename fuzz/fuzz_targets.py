@@ -49,7 +49,7 @@ def check_decoder(data: bytes) -> None:
     """
     cut_at = random.Random(zlib.crc32(data))
     for ready in (False, True):
-        expected, begun = _by_grammar(data, ready)
+        expected, begun = by_grammar(data, ready)
         for pieces in (
             [data],
             [bytes([byte]) for byte in data],
@@ -61,7 +61,7 @@ def check_decoder(data: bytes) -> None:
                 events += decoder.feed(piece)
                 kept = [value for value in vars(decoder).values() if isinstance(value, bytes)]
                 assert sum(map(len, kept)) < frames.MAX_FRAME_BYTES, kept
-            found = [_comparable(event) for event in events]
+            found = [comparable(event) for event in events]
             assert found == expected, f'{found} is not {expected}'
             assert decoder.in_frame == begun
             for state in RaceState:
@@ -168,7 +168,7 @@ def corpus(name: str) -> list[pathlib.Path]:
     return sorted((pathlib.Path(__file__).parent / 'corpus' / name).iterdir())
 
 
-def _by_grammar(data: bytes, ready: bool) -> tuple[list[object], bool]:
+def by_grammar(data: bytes, ready: bool) -> tuple[list[object], bool]:
     """Return the events in a stream, and whether it ends inside a frame."""
     names = {state.value.encode(): state for state in RaceState}
     if ready:
@@ -191,7 +191,8 @@ def _by_grammar(data: bytes, ready: bool) -> tuple[list[object], bool]:
     return events, begun
 
 
-def _comparable(event: Event) -> object:
+def comparable(event: Event) -> object:
+    """Return what `by_grammar` says of an event: the state, or the bytes."""
     return event.state if isinstance(event, frames.StateFrame) else event.raw
 
 

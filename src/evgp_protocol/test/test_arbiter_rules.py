@@ -386,17 +386,6 @@ SMALL = Settings(
     standstill_time=1.0,
     red_flag_drive_time=1.0,
 )
-WORLDS = {
-    'plain': SMALL,
-    'remote required': dataclasses.replace(SMALL, tsr_timeout=1.0),
-    'MSR wired': dataclasses.replace(SMALL, msr_timeout=1.0),
-    'team must be heard': dataclasses.replace(SMALL, team_timeout=1.0),
-    'acknowledges by itself': dataclasses.replace(SMALL, auto_acknowledge_stop=True),
-    'acknowledges by one of two': dataclasses.replace(SMALL, auto_acknowledge_stop=True),
-    'odometry required': dataclasses.replace(SMALL, odometry_required=True),
-    'odometry heard': SMALL,
-    'drives in garage': dataclasses.replace(SMALL, drive_in_garage=True),
-}
 LINK = [
     ('tick', None),
     ('connected', None),
@@ -489,24 +478,31 @@ def explore(
     return len(seen), steps
 
 
-INPUTS = {
-    'plain': LINK + STOPS[:6],
-    'remote required': LINK + STOPS[2:4],
-    'MSR wired': LINK + STOPS[4:6],
-    'team must be heard': LINK + TEAM + STOPS[:2],
-    'acknowledges by itself': LINK + STOPS[:2] + SPEEDS,
-    'acknowledges by one of two': LINK + DOUBT + SPEEDS,
-    'odometry required': LINK + DOUBT + SPEEDS,
-    'odometry heard': LINK + DOUBT + SPEEDS,
-    'drives in garage': LINK + STOPS[:2],
+World = tuple[Settings, list[tuple[str, Any]]]
+
+
+def world(inputs: list[tuple[str, Any]], **settings: Any) -> World:
+    return dataclasses.replace(SMALL, **settings), LINK + inputs
+
+
+WORLDS: dict[str, World] = {
+    'plain': world(STOPS[:6]),
+    'remote required': world(STOPS[2:4], tsr_timeout=1.0),
+    'MSR wired': world(STOPS[4:6], msr_timeout=1.0),
+    'team must be heard': world(TEAM + STOPS[:2], team_timeout=1.0),
+    'acknowledges by itself': world(STOPS[:2] + SPEEDS, auto_acknowledge_stop=True),
+    'acknowledges by one of two': world(DOUBT + SPEEDS, auto_acknowledge_stop=True),
+    'odometry required': world(DOUBT + SPEEDS, odometry_required=True),
+    'odometry heard': world(DOUBT + SPEEDS),
+    'drives in garage': world(STOPS[:2], drive_in_garage=True),
 }
-"""What can come in, in each world: few enough kinds to search it to the end."""
+"""The settings of each world, and what can come in: few enough kinds to search it to the end."""
 
 
-@pytest.mark.parametrize(('world', 'inputs'), INPUTS.items(), ids=list(WORLDS))
-def test_every_reachable_state_keeps_the_rules(world: str, inputs: list[tuple[str, Any]]) -> None:
-    states, steps = explore(arbiter_module, WORLDS[world], inputs)
-    print(f'{world}: {states} states, {steps} steps')
+@pytest.mark.parametrize('name', WORLDS)
+def test_every_reachable_state_keeps_the_rules(name: str) -> None:
+    states, steps = explore(arbiter_module, *WORLDS[name])
+    print(f'{name}: {states} states, {steps} steps')
     assert states > 50
 
 
@@ -603,18 +599,17 @@ acknowledges a red unasked: [odometry required] speed: without auto_acknowledge_
 """Each fault, and the world that shows it soonest, if it takes long to come by."""
 
 
-OWN = {world: (WORLDS[world], inputs) for world, inputs in INPUTS.items()}
-EVERY = {
-    f'{world}, every input': (
+EVERY: dict[str, World] = {
+    f'{name}, every input': (
         settings,
         LINK
         + (TEAM if settings.team_timeout > 0 else [])
         + STOPS[: 6 if settings.msr_timeout > 0 else 4]
         + SPEEDS,
     )
-    for world, settings in WORLDS.items()
+    for name, (settings, _) in WORLDS.items()
 }
-"""Every world, with its own inputs, and with every input."""
+"""Every world with every input."""
 
 
 DAILY = {fault.where: name for name, fault in reversed(FAULTS.items())}
@@ -633,12 +628,12 @@ def test_fault_is_found(name: str) -> None:
     module = module_with(arbiter_module, fault)
     with pytest.raises(AssertionError, match='after'):
         if fault.begin:
-            explore(module, *(OWN | EVERY)[fault.begin], limit=30_000)
+            explore(module, *(WORLDS | EVERY)[fault.begin], limit=30_000)
         # Most show near the beginning of a world, and the others as it is searched to the end.
-        for limit, world in itertools.product((100, 1_000, 10**9), OWN.values()):
-            explore(module, *world, limit)
-        for limit, world in itertools.product((6_000, 60_000), EVERY.values()):
-            explore(module, *world, limit)
+        for limit, each in itertools.product((100, 1_000, 10**9), WORLDS.values()):
+            explore(module, *each, limit)
+        for limit, each in itertools.product((6_000, 60_000), EVERY.values()):
+            explore(module, *each, limit)
 
 
 @pytest.mark.parametrize(('speed', 'named'), [(0.07, '0.07 m/s'), (math.nan, 'nan m/s')])
