@@ -84,6 +84,8 @@ class StopSource(enum.Enum):
     GRAPH = 'two nodes have one role, or a remote cannot be heard'
     ODOMETRIES = 'more than one publisher of odometry'  # one may stand still, the other move
 
+    __hash__ = object.__hash__  # as of RaceState
+
 
 _SILENCE = {
     StopSource.TSR: 'nothing from the safety remote',
