@@ -10,7 +10,7 @@ The real race control runs it; README.md in this folder shows how to use your ow
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import contextlib
 import copy
 import math
@@ -24,7 +24,6 @@ import sys
 import tempfile
 import threading
 import time
-from typing import Protocol
 
 from centreline import Centreline
 from drawing import draw, Look
@@ -65,19 +64,17 @@ LONGEST = 90.0
 """Maximum time of a lap, in seconds: far more than it takes."""
 
 
-class Base(Protocol):
-    """A kart's simulated base."""
-
-    @property
-    def motion(self) -> Motion:
-        """Return its present motion."""
-
-
 class DatagramBase(Part):
-    """A base for a kart without ROS, used by kart.py and kart.h through a loopback port."""
+    """
+    A base for a kart without ROS, used by kart.py and kart.h through a loopback port.
 
-    def __init__(self, place: tuple[float, float]) -> None:
+    It steers along the lane in which it starts; the kart commands its speed, and receives the true
+    one. Both are in m/s.
+    """
+
+    def __init__(self, place: tuple[float, float], track: Centreline) -> None:
         """Start at standstill."""
+        self._track, self._lane = track, place[1]
         self._moving = threading.Lock()
         self._motion = Motion(time.monotonic(), place=place)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -99,12 +96,11 @@ class DatagramBase(Part):
             said, sender = self._socket.recvfrom(100)
             if self._ended:
                 return
-            speed, turn = map(float, said.split())
+            speed, now = float(said), self.motion
+            turn = speed * self._track.steer(now.x, now.y, now.heading, self._lane)
             with self._moving:
                 self._motion.command(time.monotonic(), speed, turn)
-            now = self.motion
-            text = f'{now.x} {now.y} {now.heading} {now.speed}'
-            self._socket.sendto(text.encode(), sender)
+            self._socket.sendto(str(now.speed).encode(), sender)
 
     def close(self) -> None:
         """End it."""
@@ -114,6 +110,9 @@ class DatagramBase(Part):
         self._socket.close()
 
 
+Base = SimulatedBase | DatagramBase
+
+
 class Line(Part):
     """
     The timing line and the observer of the karts.
@@ -121,7 +120,7 @@ class Line(Part):
     ``looks`` are for the picture; ``off`` is each kart's largest distance from the middle, in m.
     """
 
-    def __init__(self, official: Official, bases: dict[int, Base], track: Centreline) -> None:
+    def __init__(self, official: Official, bases: Mapping[int, Base], track: Centreline) -> None:
         """Start observing."""
         self.looks: list[Look] = []
         self.off = dict.fromkeys(bases, 0.0)
@@ -188,7 +187,7 @@ def compile_kart(folder: pathlib.Path) -> str:
     kart = str(folder / 'kart')
     kit = HERE.parent / 'c'
     words = ['cc', '-std=c99', '-O2', '-Wall', f'-I{kit}', f'-I{HERE}', '-DEVGP_KART="kart.h"']
-    subprocess.run([*words, str(kit / 'examples/posix.c'), '-o', kart, '-lm'], check=True)
+    subprocess.run([*words, str(kit / 'examples/posix.c'), '-o', kart], check=True)
     return kart
 
 
@@ -199,7 +198,7 @@ def begin(
     # For the nodes in this process, too: keep away from everybody else's race.
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['TRACK'] = str(TRACK)
-    kart = compile_kart(folder)
+    kart, track = compile_kart(folder), Centreline(TRACK)
     control = RaceControl(
         folder,
         parts.enter_context(Domain()).number,
@@ -219,12 +218,12 @@ def begin(
     parts.enter_context(Bridge(domain, control.port, address_of(1), arguments=to_the_bridge))
     parts.enter_context(Program('stack', stack, domain))
     for number, command in {2: [kart], 3: [sys.executable, str(HERE / 'kart.py')]}.items():
-        own = parts.enter_context(DatagramBase(GRID[number]))
+        own = parts.enter_context(DatagramBase(GRID[number], track))
         bases[number] = own
         words = [*command, '127.0.0.1', str(control.port), address_of(number)]
         parts.enter_context(Program(TEAMS[number], words, environment={'BASE': str(own.port)}))
     official.wait_for_race(lambda race: True, 'a first look at the race')
-    return official, parts.enter_context(Line(official, bases, Centreline(TRACK)))
+    return official, parts.enter_context(Line(official, bases, track))
 
 
 def drive(official: Official, laps: int) -> msg.Results:
