@@ -19,7 +19,7 @@ from evgp_node.roster import (
     RosterEntry,
     RosterError,
 )
-from evgp_rcs.files.roster_check import main as roster_check
+from evgp_rcs.rcs_roster import main as rcs_roster
 from fuzz_targets import check_roster
 from hypothesis import given
 from hypothesis import strategies as st
@@ -315,7 +315,7 @@ def test_a_foreign_list_is_shown_as_a_roster_that_lacks_only_what_the_list_does_
 ) -> None:
     path = tmp_path / 'list.csv'
     path.write_text(text, encoding='utf-8', newline='')
-    assert roster_check(['check', str(path)]) == 2
+    assert rcs_roster(['check', str(path)]) == 2
     shown = capsys.readouterr()
     assert f'fill in each {missing}' in shown.err
     assert f'roster ROSTER={path} > new.yaml' in shown.err
@@ -471,7 +471,7 @@ def test_a_right_roster_is_shown_with_its_karts_and_heats(
     text = TWO_KARTS + "    inspected: '2026-05-01'\n    transponders: [4711, '08', FL-9]\n"
     heat = 'karts: [2, 1], format: time_trial, laps: 6, grid_from: practice'
     path.write_text(f'{text}heats:\n  Final: {{{heat}}}\n')
-    assert roster_check(['check', str(path)]) == 0
+    assert rcs_roster(['check', str(path)]) == 0
     out = capsys.readouterr().out.splitlines()
     assert [' '.join(line.split()) for line in out[1:]] == [
         'kart 1 Georgia Tech 10.0.0.1 in the first race',

@@ -13,7 +13,7 @@ import evgp_node
 import evgp_rcs
 import pytest
 
-ROOMS = ('rules', 'files', 'record', 'karts', 'ros', 'spare')
+ROOMS = ('rules', 'record', 'karts', 'ros', 'spare')
 """Each may import those before it, and all but the rules the words for people, `words`."""
 
 HOUSE = pathlib.Path(evgp_rcs.__path__[0])

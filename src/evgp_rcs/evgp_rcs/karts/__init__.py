@@ -4,5 +4,5 @@
 """
 Two processes: the kart server, which stops karts, and the one that writes the record.
 
-This package imports ``rules``, ``files`` and ``record``, but not ROS.
+This package imports ``rules`` and ``record``, but not ROS.
 """

@@ -4,5 +4,5 @@
 """
 The evidence: the stream of a run on the disk, its replay, and the reports from it.
 
-This package imports ``rules`` and ``files``, and uses no socket, no kart and no ROS.
+This package imports ``rules``, and uses no socket, no kart and no ROS.
 """
