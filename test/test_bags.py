@@ -17,7 +17,8 @@ from typing import Any
 from evgp_node.stream import Block
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
-from evgp_rcs.record.store import blocks_of, events, open_read_only, sessions
+from evgp_rcs.record.runs import events_of, open_runs
+from evgp_rcs.record.store import blocks_of
 from evgp_rcs.ros.publisher import EVENTS_QOS, RACE_QOS
 from evgp_rcs.rules.inputs import Entry
 from evgp_rcs.rules.race import StampedEvent
@@ -109,9 +110,9 @@ def test_a_bag_has_the_race_its_events_and_the_diagnostics_in_the_order_of_their
 ) -> None:
     found = bagged(race)
     assert set(found) == {'/rcs/race', '/rcs/events', '/diagnostics'}
-    with contextlib.closing(open_read_only(race)) as database:
-        recorded = list(events(database, 1))
-        began = next(sessions(database)).began_ns
+    with open_runs(race) as runs:
+        began = runs.choose(None).began_ns
+    recorded = events_of(race)
     told = [
         (at, event.sequence, event.text)
         for at, message in found['/rcs/events']
@@ -150,8 +151,7 @@ def test_a_clock_that_was_set_back_changes_no_order_in_the_bag(race: pathlib.Pat
                 entries[place] = each._replace(wall_ns=each.wall_ns - 3600 * 10**9)
 
     edit(race, set_back)
-    with contextlib.closing(open_read_only(race)) as database:
-        recorded = list(events(database, 1))
+    recorded = events_of(race)
     found = bagged(race)
     told = [event for _, message in found['/rcs/events'] for event in message.events]
     assert [event.sequence for event in told] == [event.sequence for event in recorded]

@@ -12,7 +12,6 @@ test_run_marks.py.
 from __future__ import annotations
 
 from collections.abc import Callable
-import contextlib
 import os
 import pathlib
 import random
@@ -21,7 +20,7 @@ import threading
 
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
-from evgp_rcs.record.store import events, open_read_only, sessions
+from evgp_rcs.record.runs import events_of
 from evgp_testing.official import SERVICES
 from evgp_testing.race_control import new_port
 from evgp_testing.wire_race import WireRace
@@ -138,9 +137,7 @@ def test_race_control_killed_at_random_comes_back_with_every_kart_held(
                 if re.match(REFUSED, str(error)):
                     raise
             killer.join()
-        with contextlib.closing(open_read_only(record)) as database:
-            last = next(sessions(database)).number
-            recorded = [event.sequence for event in events(database, last)]
+        recorded = [event.sequence for event in events_of(record)]
         assert recorded == list(range(1, len(recorded) + 1))
         replay_without_difference(record)
         published += len(race.official.events)

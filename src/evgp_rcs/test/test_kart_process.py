@@ -38,7 +38,7 @@ from evgp_rcs.karts.channel import (
 )
 from evgp_rcs.karts.server import ROS_HALF_SILENCE
 from evgp_rcs.record.run_mark import place, RUN_BEGAN
-from evgp_rcs.record.store import events, open_read_only, sessions
+from evgp_rcs.record.runs import events_of, open_runs
 from evgp_rcs.ros import kart_client
 from evgp_rcs.ros.kart_client import KartServerClient
 from evgp_rcs.rules.catalogue import CommandKind
@@ -191,8 +191,8 @@ def test_record_and_mark_say_whether_the_end_was_in_order(
     assert mark_of(begin) == RUN_BEGAN
     half.say(End(in_order))
     half.process.wait(TIMEOUT)
-    with contextlib.closing(open_read_only(begin.record)) as database:
-        run, *_ = sessions(database)
+    with open_runs(begin.record) as runs:
+        run = runs.choose(None)
     assert (run.ended_ns is not None) is in_order
     assert (mark_of(begin) != RUN_BEGAN) is in_order
 
@@ -208,8 +208,7 @@ def test_an_orderly_end_is_in_the_record_and_told_to_the_ros_half_in_order(
             told += [each.event.kind for each in message.events]
     assert told[-2:] == [EventKind.ENDED, EventKind.DISCONNECTED]
     half.process.wait(TIMEOUT)
-    with contextlib.closing(open_read_only(begin.record)) as database:
-        assert [each.event.kind for each in events(database, 1)] == told
+    assert [each.event.kind for each in events_of(begin.record)] == told
 
 
 def test_an_end_of_the_ros_half_means_red_red_and_what_happened_is_on_the_disk(
@@ -222,8 +221,8 @@ def test_an_end_of_the_ros_half_means_red_red_and_what_happened_is_on_the_disk(
     half.end.close()
     assert read_to_end(client).endswith(encode(RED_RED))
     assert half.process.wait(TIMEOUT) == 1
-    with contextlib.closing(open_read_only(begin.record)) as database:
-        assert CommandKind.KART_RED_RED in [each.event.command for each in events(database, 1)]
+    commands = [each.event.command for each in events_of(begin.record)]
+    assert CommandKind.KART_RED_RED in commands
 
 
 def test_a_port_in_use_is_refused_and_leaves_no_doubt_behind(half: Half, begin: Begin) -> None:

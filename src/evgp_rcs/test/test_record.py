@@ -18,11 +18,10 @@ import time
 from evgp_node.stream import Began, Block
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as print_timeline
-from evgp_rcs.record.runs import PARTLY
+from evgp_rcs.record.runs import events_of, PARTLY
 import evgp_rcs.record.store
 from evgp_rcs.record.store import (
     blocks_of,
-    events,
     left_behind,
     open_read_only,
     Record,
@@ -89,8 +88,7 @@ def have_written(record: Record, memory: RaceMemory) -> None:
 
 
 def texts(path: pathlib.Path, run: int) -> list[str]:
-    with contextlib.closing(open_read_only(path)) as database:
-        return [each.event.text for each in events(database, run)]
+    return [each.event.text for each in events_of(path, run)]
 
 
 def test_a_run_has_an_id_of_its_own_and_a_stream_of_another_program_is_none(
@@ -104,7 +102,7 @@ def test_a_run_has_an_id_of_its_own_and_a_stream_of_another_program_is_none(
         database.execute('INSERT INTO block VALUES (2, 1, ?)', (timekeeper,))
     assert begin().left_behind == HOME
     with contextlib.closing(open_read_only(path)) as database:
-        newest, oldest = sessions(database)
+        oldest, newest = sessions(database)
     assert (newest.number, oldest.number) == (3, 1)
     assert newest.id != oldest.id
     assert len(newest.id) == len(oldest.id) == 16
@@ -212,7 +210,7 @@ def test_no_start_waits_for_who_reads_the_record_as_a_spare_does(
     have_written(record, HOME)
     with contextlib.closing(open_read_only(path)) as database:
         database.execute('BEGIN')
-        list(events(database, 1))
+        assert [*blocks_of(database, 1)]
         have_written(record, RACING)
         assert record.error == ''
     assert left_behind(path) == RACING

@@ -18,8 +18,9 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.karts import record_process
 from evgp_rcs.karts.record_process import RecordProcess
 from evgp_rcs.record.run_mark import RUN_BEGAN
-from evgp_rcs.record.store import blocks_of, events, open_read_only, Record, RecordError
-from evgp_rcs.rules.inputs import Batch, entries_of
+from evgp_rcs.record.runs import events_of, open_runs
+from evgp_rcs.record.store import Record, RecordError
+from evgp_rcs.rules.inputs import Batch
 from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 from evgp_testing.process import freeze, wait_until_ended
 import pytest
@@ -61,8 +62,7 @@ def wait_for(record: RecordProcess, found: Callable[[], object]) -> None:
 
 
 def numbers_in(path: pathlib.Path) -> list[int]:
-    with contextlib.closing(open_read_only(path)) as database:
-        return [event.sequence for event in events(database, 1)]
+    return [event.sequence for event in events_of(path, 1)]
 
 
 def test_a_grid_is_told_to_be_on_the_disk_once_it_is(
@@ -215,9 +215,9 @@ def test_what_no_disk_takes_needs_bounded_memory_and_leaves_a_gap_that_is_seen(
     put(record, 101)
     record.end(PATIENCE, LastRun.UNKNOWN)
     assert numbers_in(path) == [*range(1, 101 - lost), 101]
-    with contextlib.closing(open_read_only(path)) as database:
-        entries = entries_of(blocks_of(database, 1))
-        assert [each.entries for each in entries if isinstance(each, Gap)] == [lost]
+    with open_runs(path) as runs:
+        entries = runs.read(runs.choose(1)).entries()
+    assert [each.entries for each in entries if isinstance(each, Gap)] == [lost]
 
 
 def test_a_record_that_another_race_control_has_is_refused(path: pathlib.Path) -> None:

@@ -18,7 +18,8 @@ from typing import Any
 from evgp_protocol.states import RaceState
 from evgp_rcs.record import run_mark
 from evgp_rcs.record.run_mark import RunMark
-from evgp_rcs.record.store import events, Record
+from evgp_rcs.record.runs import events_of
+from evgp_rcs.record.store import Record
 from evgp_rcs.record.timing import BOOK
 from evgp_rcs.rules.inputs import Batch
 from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
@@ -94,9 +95,9 @@ def test_each_copy_of_a_record_that_is_being_written_is_one_moment_of_it(
             assert copy(first, folder) < 30
             with sqlite3.connect(folder / RECORD) as database:
                 assert database.execute('PRAGMA integrity_check').fetchone() == ('ok',)
-                told = [each.sequence for each in events(database, 1)]
-                counts.append((len(told), told[-1]))
             database.close()
+            told = [each.sequence for each in events_of(folder / RECORD)]
+            counts.append((len(told), told[-1]))
     finally:
         ended.set()
         writer.join()

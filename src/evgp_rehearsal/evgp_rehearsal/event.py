@@ -31,7 +31,7 @@ from evgp_node.states import state_of
 from evgp_node.stream import BOOK
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-from evgp_rcs.record.store import events, open_read_only, sessions
+from evgp_rcs.record.runs import events_of, open_runs
 from evgp_rcs.record.timing import entries
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
@@ -298,9 +298,8 @@ class Rehearsal(Part):
         # After a takeover, the newest record also contains the earlier runs.
         records = self.folder.rglob('record.sqlite3')
         newest = max(records, key=lambda path: path.stat().st_mtime)
-        with contextlib.closing(open_read_only(newest)) as database:
-            runs = [*sessions(database)][::-1]
-            return [event for run in runs for event in events(database, run.number)]
+        with open_runs(newest) as runs:
+            return [event for run in runs.listed for event in events_of(newest, run.number)]
 
     # ----- the field's thread -------------------------------------------------------------
 

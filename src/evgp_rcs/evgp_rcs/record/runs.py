@@ -184,7 +184,7 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
                 folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
                 database = stack.enter_context(contextlib.closing(_mended(file, folder, damage)))
             _check_schema(file, database)
-            runs = Runs(file, database, [*sessions(database)][::-1], None, damage)
+            runs = Runs(file, database, [*sessions(database)], None, damage)
             # Race control writes only the newest run.
             if runs.listed and is_being_written(file):
                 runs.present = runs.listed[-1]
@@ -197,6 +197,17 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
         raise UnreadableError(f'{file} is damaged: its schema is garbled') from error
     if damage:
         say(f'{file} is damaged ({damage}); this is what sqlite3 could recover from it')
+
+
+def events_of(file: pathlib.Path, number: int | None = None) -> list[StampedEvent]:
+    """
+    Return the readable events of a run in a record, by default the newest.
+
+    :raises UnreadableError: if the record cannot be read, or there is no such run.
+    """
+    with open_runs(file) as runs:
+        events = runs.read(runs.choose(number)).events()
+        return [each for each in events if isinstance(each, StampedEvent)]
 
 
 def _damage(file: pathlib.Path, database: sqlite3.Connection) -> str:

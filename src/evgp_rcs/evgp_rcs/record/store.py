@@ -355,11 +355,11 @@ def blocks_of(
 
 def sessions(database: sqlite3.Connection) -> Iterator[Session]:
     """
-    Yield the runs of race control in a record, newest first.
+    Yield the runs of race control in a record, oldest first.
 
     :raises sqlite3.DatabaseError: if the record is damaged.
     """
-    query = 'SELECT DISTINCT run FROM block ORDER BY run DESC'
+    query = 'SELECT DISTINCT run FROM block ORDER BY run'
     for (number,) in database.execute(query).fetchall():
         run = _session(database, number)
         if run is not None:
@@ -382,14 +382,3 @@ def _session(database: sqlite3.Connection, number: int) -> Session | None:
     ended_ns = next((each.wall_ns for each in ends if each.event.success), None)
     events, last_ns = (happened[-1].sequence, happened[-1].wall_ns) if happened else (0, 0)
     return Session(number, began.wall_ns or last_ns, ended_ns, events, last_ns, began.run)
-
-
-def events(database: sqlite3.Connection, run: int) -> Iterator[StampedEvent]:
-    """
-    Yield the readable events of one run, in order.
-
-    :raises sqlite3.DatabaseError: if the record is damaged.
-    """
-    for entry in entries_of(blocks_of(database, run), only=(StampedEvent,)):
-        if isinstance(entry, StampedEvent):
-            yield entry

@@ -180,8 +180,7 @@ def _mappings(value: object) -> Iterator[dict[str, object]]:
 def _newest_event(record: pathlib.Path) -> int:
     # No program writes this file, so SQLite needs no further files beside it.
     with contextlib.closing(connection(record, 'immutable=1')) as database:
-        newest = next(sessions(database), None)
-        return 0 if newest is None else newest.last_ns
+        return max((each.last_ns for each in sessions(database)), default=0)
 
 
 def copies() -> pathlib.Path:
