@@ -24,7 +24,7 @@ from evgp_rcs.record.report import wording
 from evgp_rcs.record.report.model import Account, RaceAccount, Result
 from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.record.runs import open_runs, PARTLY, put, say
-from evgp_rcs.record.timing import Timing, timing_of
+from evgp_rcs.record.timing import timing_of
 
 COLUMNS = (
     'run',
@@ -83,10 +83,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def runs_of(wanted: argparse.Namespace) -> tuple[list[Account], Timing, int]:
+def main(wanted: argparse.Namespace) -> int:
     """
-    Return the named runs, oldest first, what the book has of all runs, and the exit code so far.
+    Write the results of the named runs as CSV, oldest first.
 
+    :return: the exit code.
     :raises UnreadableError: if the record or the run cannot be read.
     """
     with open_runs(wanted.file) as runs:
@@ -100,50 +101,34 @@ def runs_of(wanted: argparse.Namespace) -> tuple[list[Account], Timing, int]:
         code = runs.code
     # The record is closed by now, so that race control does not wait for the rest.
     timing = timing_of(wanted.file)
-    accounts = [Account(each, timing) for each in kept]
-    for account in accounts:
-        if lacks := account.replay.lacks:
-            say(f'run {account.kept.run.number} is only partly known: {lacks}')
-            code = PARTLY
-    return accounts, timing, code
-
-
-def main(wanted: argparse.Namespace) -> int:
-    """
-    Write the results of a run as CSV.
-
-    :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read.
-    """
-    accounts, timing, code = runs_of(wanted)
-    rows: list[tuple[str, ...]] = []
-    runs = {account.kept.run.id for account in accounts}
     # The last written is the newest: it may be a correction of a race in an earlier run.
+    ids = {run.id for run in chosen}
     of_day = {
-        each.format: each
-        for (run, _), each in timing.results.items()
-        if run in runs and each.karts
+        each.format: each for (run, _), each in timing.results.items() if run in ids and each.karts
     }
-    for account in accounts:
-        run = account.kept.run
+    rows: list[tuple[str, ...]] = []
+    for account in (Account(each, timing) for each in kept):
+        run = account.kept.run.number
+        if lacks := account.replay.lacks:
+            say(f'run {run} is only partly known: {lacks}')
+            code = PARTLY
         clock = Clock(account.began_ns)
         # Runs of several days are several events.
         overall = account.overall if wanted.all else of_day
         for race in account.races:
-            rows += ((str(run.number), *row) for row in _rows(account, race, clock, overall))
+            rows += ((str(run), *row) for row in _rows(account, race, clock, overall))
             if race.taken_up:
                 say(
-                    f'race {race.number} of run {run.number} began before this run, so its '
-                    'starters are not known here'
+                    f'race {race.number} of run {run} began before this run, so its starters are '
+                    'not known here'
                 )
             elif race.green is None:
-                say(f'race {race.number} of run {run.number} was never started')
+                say(f'race {race.number} of run {run} was never started')
         if account.kept.goes_on:
-            say(f'race control is still writing run {run.number}; these are the results up to now')
+            say(f'race control is still writing run {run}; these are the results up to now')
     stream = io.StringIO()
     csv.writer(stream, lineterminator='\n').writerows([COLUMNS, *rows])
-    races = len({row[:2] for row in rows})
-    what = f'{races} races of {len(accounts)} runs'
+    what = f'{len({row[:2] for row in rows})} races of {len(kept)} runs'
     return put(stream.getvalue(), wanted.output, what) or code
 
 
