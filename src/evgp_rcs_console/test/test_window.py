@@ -43,7 +43,7 @@ from evgp_rcs.rules.race import (
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.alerts import Alarm, AlertsArea
-from evgp_rcs_console.commands import Given
+from evgp_rcs_console.commands import Given, LATE
 from evgp_rcs_console.display import Inbox, READ, SETTLED
 from evgp_rcs_console.freshness import AGAIN, AIM, InputClock, STALE
 from evgp_rcs_console.gui import low_battery
@@ -587,55 +587,44 @@ def test_a_window_that_is_not_active_says_so_and_takes_the_first_click_for_no_co
     assert field.text() == ''
 
 
-def test_a_heat_is_chosen_by_its_number_and_enter_and_then_no_button_has_the_focus(
+def test_a_heat_is_chosen_by_its_number_and_enter_and_no_other_key_puts_one_into_the_race(
     console: Console,
 ) -> None:
     console.tell(race_of(2, RaceState.IN_GARAGE))
-    console.click('set_heat')
-    assert console.find('heat_1').hasFocus()
-    console.press('2')
-    assert not console.sent
-    console.press('Return')
-
-    assert console.window.hasFocus()
-    console.press('Return')
-    assert [given.heat for given in console.sent] == ['Final']
-    console.inbox.on_answer(console.sent[0], Answer(True, 'so it is'))
-    console.press('Ctrl+H', 'Esc')
-    assert not console.find('heats').isVisible()
+    for keys, heats in (
+        ('Return', ['Heat A']),
+        ('2 Return Return', ['Final']),  # then no button has the focus
+        ('2 3 Backspace Return', ['Final']),
+        ('3 Return', []),
+        ('2 2 Return', []),
+        ('2 Backspace Return', []),
+        ('Esc Return', []),
+    ):
+        console.press('Ctrl+H', *keys.split())
+        assert [given.heat for given in console.sent] == heats, keys
+        assert not console.find('heats').isVisible()
+        for given in console.sent:
+            console.inbox.on_answer(given, Answer(True, 'so it is'))
+        console.sent.clear()
+        console.window.chosen.clear()
     console.click('set_heat')
     console.click('heat_1')
-    assert [given.heat for given in console.sent] == ['Final', 'Heat A']
+    assert [given.heat for given in console.sent] == ['Heat A']
     console.sent.clear()
     console.press('Ctrl+H', '2', 'Ctrl+R')  # a digit is also the number of a kart to stop
     assert console.commands == [(CommandKind.KART_RED_RED, 2)]
-
-
-def test_a_number_of_no_heat_puts_no_other_heat_into_the_race(console: Console) -> None:
-    console.tell(race_of(2, RaceState.IN_GARAGE))
-    for typed in (('3',), ('2', '2'), ('2', 'Backspace')):
-        console.press('Ctrl+H', *typed, 'Return')
-
-        assert not console.sent
-        assert not console.find('heats').isVisible()
-        console.window.chosen.clear()
     console.press('F2')
     console.click('set_heat')
     console.find('no').setFocus()
     console.press('2')
     assert console.find('no').hasFocus()  # what is asked keeps the focus
-    console.press('N', 'Ctrl+H', '2', '3', 'Backspace', 'Return')
-    assert [given.heat for given in console.sent] == ['Final']
-
-
-def test_after_an_orderly_end_the_window_asks_for_no_msr(console: Console) -> None:
-    fine = TrackAccess(False, True, 'all are in IN GARAGE', False)
-    console.tell(race_of(2, RaceState.IN_GARAGE, track=fine))
-    console.inbox.on_event(event(1, 'it ends', kind=EventKind.ENDED))
-    console.settle(1.1)
-
-    assert console.text('danger_title') == texts.ENDED
-    assert texts.USE_MSR not in console.text('danger_advice')
+    console.press('N')
+    console.tell(race_of(1, RaceState.IN_GARAGE, heats=()))
+    console.press('Ctrl+H')
+    console.click('read_roster')
+    assert console.commands == [(CommandKind.READ_ROSTER, 0)]
+    console.click('take_roster')
+    assert console.find('question').button.command is CommandKind.TAKE_ROSTER
 
 
 def test_day_and_night_are_remembered(opened: Any, tmp_path: pathlib.Path) -> None:
@@ -654,8 +643,13 @@ def test_day_and_night_are_remembered(opened: Any, tmp_path: pathlib.Path) -> No
 
 
 def test_alerts_that_ended_are_one_line_and_do_not_follow_into_the_next_race(
-    console: Console,
+    opened: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def no_room(**_: str) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(tempfile, 'TemporaryDirectory', no_room)  # for the sound
+    console = opened()
     console.tell(race_of(2, alerts=(alert(1), alert(2))))
     assert 'USE THE MSR' in console.text('banner')
     assert texts.USE_MSR in console.says(1)
@@ -694,7 +688,9 @@ def test_every_stop_of_the_catalogue_looks_like_a_stop(console: Console) -> None
             assert stop.property('look') == look
 
 
-def test_the_next_step_is_the_one_filled_button(console: Console) -> None:
+def test_the_next_step_is_the_one_filled_button_until_race_control_has_ended(
+    console: Console,
+) -> None:
     for state, step in (
         (RaceState.IN_GARAGE, {'grid_active': 'next'}),
         (RaceState.GRID_ACTIVE, {'green_green': 'go'}),
@@ -709,6 +705,11 @@ def test_the_next_step_is_the_one_filled_button(console: Console) -> None:
         assert not {each.property('look') for each in console.buttons} & {'next', 'go'}
     assert 'all 4 karts' in console.text('kill_hint')
     assert '2 karts in the race' in console.text('grid_active')
+    fine = TrackAccess(False, True, 'all are in IN GARAGE', False)
+    console.tell(race_of(2, RaceState.IN_GARAGE, track=fine))
+    console.inbox.on_event(event(1, 'it ends', kind=EventKind.ENDED))
+    console.settle(1.1)
+    assert console.text('danger_title') == texts.ENDED
 
 
 # ----- nothing moves, and a press is for what the official saw ------------------------------
@@ -932,19 +933,6 @@ def test_an_alert_that_is_too_long_for_its_room_ends_with_dots_and_is_read_below
     assert 4 * WHY in console.text('status')
 
 
-def test_the_window_opens_although_there_is_no_room_for_the_sound(
-    opened: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def no_room(**_: str) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(tempfile, 'TemporaryDirectory', no_room)
-    console = opened()
-    console.tell(race_of(8, alerts=(alert(8),)))
-
-    assert 'lost its connection' in console.text('banner')
-
-
 def test_the_banner_of_race_control_is_at_the_top(console: Console) -> None:
     console.tell(race_of(1))
     assert not console.find('top_line').isVisible()
@@ -972,42 +960,40 @@ def test_a_window_that_was_held_up_shows_no_snapshot_but_the_newest_and_every_al
     assert 'Kart 1' in console.text('banner')
 
 
-def test_a_long_event_hides_no_other_one_and_the_last_twenty_short_ones_are_seen_at_once(
+def test_a_long_event_hides_no_other_one_and_the_newest_ones_are_seen_also_after_the_night(
     console: Console,
 ) -> None:
     console.tell(race_of(1))
     log = console.find('log')
-    console.inbox.on_event(event(1, 'RED RED sent to ' + 'kart 99, ' * 200))
-    console.inbox.on_event(event(2, f'Kart 1 ({NAME}): the newest', 'Anna (pc 1)'))
-    console.settle()
 
-    assert not log.horizontalScrollBar().isVisible()
-    assert log.item(0).text().endswith('Kart 1: the newest · Anna')
-    assert log.viewport().rect().contains(log.visualItemRect(log.item(0)))
-    assert log.item(0).font().bold()
-    console.inbox.on_event(event(3, 'more', 'Anna (pc 2)'))
-    console.settle()
-    assert log.item(0).text().endswith('more · Anna (pc 2)')  # two windows of one name
-    for number in range(4, 24):
-        console.inbox.on_event(event(number, 'kart 12 connected'))
-    console.inbox.on_event(event(24, 'it has arrived', kind=EventKind.DELIVERED))
-    console.settle()
-    rects = [log.visualItemRect(log.item(place)) for place in range(20)]
-    assert all(log.viewport().rect().contains(rect) for rect in rects)
-    assert 'arrived' not in log.item(0).text()
+    def place(row: int) -> QtCore.QRect:
+        return log.visualItemRect(log.item(row))
 
-
-def test_the_newest_event_is_in_sight_also_after_the_night(console: Console) -> None:
-    console.tell(race_of(1))
-    log = console.find('log')
-    for number in range(1, 41):
-        text = f'event {number} ' + 'is long, ' * 9
-        console.inbox.on_event(event(number, text))
+    def hear(*events: StampedEvent) -> str:
+        """Tell of some events; return how the log shows the last one."""
+        for each in events:
+            console.inbox.on_event(each)
         console.settle()
+        return str(log.item(0).text())
+
+    long = event(1, 'RED RED sent to ' + 'kart 99, ' * 200)
+    newest = hear(long, event(2, f'Kart 1 ({NAME}): the newest', 'Anna (pc 1)'))
+    assert newest.endswith('Kart 1: the newest · Anna')
+    assert log.item(0).font().bold()
+    assert log.viewport().rect().contains(place(0))
+    assert place(1).height() > 9 * place(0).height()  # it is wrapped, and not cut off
+    # Two windows of one name.
+    assert hear(event(3, 'more', 'Anna (pc 2)')).endswith('more · Anna (pc 2)')
+    short = [event(number, 'kart 12 connected') for number in range(4, 24)]
+    arrived = event(24, 'it has arrived', kind=EventKind.DELIVERED)
+    assert 'arrived' not in hear(*short, arrived)
+    assert all(log.viewport().rect().contains(place(row)) for row in range(20))
+    for number in range(25, 65):
+        text = f'event {number} ' + 'is long, ' * 9
+        assert hear(event(number, text)).endswith(text)
         if not number % 20:
             console.press('F8')
-        assert log.item(0).text().endswith(text)
-        assert log.viewport().rect().contains(log.visualItemRect(log.item(0)).topLeft())
+        assert log.viewport().rect().contains(place(0).topLeft())
 
 
 # ----- stops, names and questions -----------------------------------------------------------
@@ -1050,24 +1036,17 @@ def test_a_stop_that_is_no_longer_sent_is_an_alert_that_sounds_until_it_is_seen(
     console.press('F10')
     assert 'RED FLAG' not in console.text('banner')
 
-
-def test_all_kill_that_is_still_held_when_it_is_no_longer_sent_is_a_new_press(
-    console: Console,
-) -> None:
-    console.tell(RACE)
-
-    def drop() -> None:
+    def drop() -> list[tuple[CommandKind, int]]:
+        """Have ALL KILL be no longer sent; return what is sent instead."""
         console.inbox.on_dropped(Given(CommandKind.ALL_KILL), 'ALL KILL is no longer sent')
         console.settle()
+        return console.commands
 
     console.click_at(console.place('all_kill'), 'mousePress')
     assert console.commands == [KILL]
-    drop()
-    assert console.commands == [KILL]
+    assert drop() == [KILL]  # it is still held, which is a new press
     console.click_at(console.place('all_kill'), 'mouseRelease')
-    drop()
-    assert console.commands == []
-
+    assert drop() == []
     console.repeat(QtCore.Qt.Key.Key_Space)  # the keyboard repeats a key that is held
     console.repeat(QtCore.Qt.Key.Key_Space)
     assert console.commands == [KILL]
@@ -1126,6 +1105,8 @@ def test_a_stop_acts_while_a_question_is_open_and_what_changes_ends_the_question
         console.press('N', 'N')
         assert not console.find('question').isVisible()
         assert console.commands == [(CommandKind.KART_FINISH, 1)]
+    console.press('Ctrl+R')  # the kart of the last question is still chosen
+    assert console.commands == [(CommandKind.KART_RED_RED, 1)]
 
 
 def test_while_a_snapshot_cannot_be_shown_keys_refer_to_the_last_screen(
@@ -1163,6 +1144,15 @@ def test_what_is_said_of_a_command_leaves_the_bottom_line_once_it_no_longer_hold
             console.tell(possible)
 
         assert not console.text('status'), how
+    console.press('F3', 'Y')
+    console.settle(LATE)
+    for seconds, refused in ((0.0, True), (READ, False)):
+        if refused:
+            answer = Answer(False, WHY)
+            console.inbox.on_answer(Given(CommandKind.KART_IN_GARAGE, 1), answer)
+        console.settle(seconds)
+        assert (WHY in console.text('status')) is refused
+        assert ('GREEN GREEN: no answer yet' in console.text('status')) is not refused
 
 
 def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_more_once_it_changes(
@@ -1188,11 +1178,12 @@ def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_mor
         assert keys != 'F6' or 'to 2 karts: 1, 2' in console.text('question_consequence')
         assert f'Kart 2 ({NAME})' in warning.text()
         assert warning.property('tone') == 'bad'
-        answers = console.place('yes'), console.place('no')
+        answers, high = (console.place('yes'), console.place('no')), warning.parent().height()
         console.tell(other)
 
         assert said in warning.text()
         assert not warning.cut
+        assert warning.parent().height() < high  # what it no longer says covers no kart
         assert answers == (console.place('yes'), console.place('no'))
         assert not console.find('yes').isEnabled()
         for part in ('consequence', 'statement'):
@@ -1203,23 +1194,6 @@ def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_mor
             assert not console.commands
             assert texts.ANSWER_NO in console.text('status')
         console.press('N')
-
-
-def test_a_kart_that_was_typed_for_a_question_is_still_chosen_after_no(console: Console) -> None:
-    console.tell(race_of(3))
-    console.press('2', 'Ctrl+G', 'N', 'Ctrl+R')
-
-    assert console.commands == [(CommandKind.KART_RED_RED, 2)]
-
-
-def test_without_heats_the_sheet_of_heats_offers_to_read_the_roster(console: Console) -> None:
-    console.tell(race_of(1, RaceState.IN_GARAGE, heats=()))
-    console.press('Ctrl+H')
-    console.click('read_roster')
-    assert console.commands == [(CommandKind.READ_ROSTER, 0)]
-
-    console.click('take_roster')
-    assert console.find('question').button.command is CommandKind.TAKE_ROSTER
 
 
 def test_a_link_that_was_poor_is_named_by_the_question_and_never_keeps_the_answer_back(
