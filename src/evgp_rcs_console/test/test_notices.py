@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from evgp_node.codec import message_of, value_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
@@ -12,50 +14,33 @@ from evgp_rcs.rules.race import Alert, AlertKind, Availability, Event, EventKind
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console.client import spoken
-from evgp_rcs_console.notices import (
-    ALERT_OTHER,
-    ALERT_WAS,
-    AlertBook,
-    EventLog,
-    NEW_RUN,
-    Notice,
-    OfficialNames,
-    summary,
-)
+from evgp_rcs_console.notices import AlertBook, EventLog, OfficialNames, summary
 from evgp_rcs_msgs import msg
 from example_race import KART, offers, RACE, replace
+import pytest
 from recorded_races import PaperRace
 
 KART_ALERTS = [each for each in AlertKind if '{kart}' in ALERT_WAS[each]]
 
 
-def alert(kart: int) -> Alert:
-    return Alert(AlertKind.KART_LOST, kart, 0.0, f'Kart {kart} lost its connection', False)
-
-
-def unseen(book: AlertBook) -> list[Notice]:
-    """Return the notices that are not seen yet, newest first."""
-    return [notice for notice in reversed(book.notices) if not notice.seen]
-
-
-def sentences(book: AlertBook) -> list[str]:
-    """Return the texts of the notices that are not seen yet."""
-    return [notice.text for notice in unseen(book)]
-
-
-def see_all(book: AlertBook) -> None:
-    book.see([notice.number for notice in unseen(book)])
+def alert(kart: int, **fields: Any) -> Alert:
+    lost = Alert(AlertKind.KART_LOST, kart, 0.0, f'Kart {kart} lost its connection', False)
+    return replace(lost, **fields)
 
 
 def msr_alert(kart: int) -> Alert:
     """Return an alert that asks for the MSR because of a kart."""
     text = f'Kart {kart} has not acknowledged RED_RED'
-    return Alert(AlertKind.RED_UNACKNOWLEDGED, kart, 0.0, text, True)
+    return alert(kart, kind=AlertKind.RED_UNACKNOWLEDGED, text=text, use_msr=True)
 
 
-def unsafe(text: str) -> Alert:
-    """Return the alert that humans are on a track that is not safe."""
-    return Alert(AlertKind.TRACK_UNSAFE, 0, 0.0, text, True)
+def shown(book: AlertBook) -> list[str]:
+    """Return what the notices say, in their order; those that were seen say that, too."""
+    return [f'{notice}{" (seen)" * notice.seen}' for notice in book.shown]
+
+
+def see_all(book: AlertBook) -> None:
+    book.see([notice.number for notice in book.shown])
 
 
 def event(sequence: int, text: str, kart: int = 0, success: bool = True) -> StampedEvent:
@@ -63,17 +48,61 @@ def event(sequence: int, text: str, kart: int = 0, success: bool = True) -> Stam
     return StampedEvent(sequence, 0, 0.0, happened)
 
 
-def test_an_alert_that_has_ended_stays_until_it_is_seen_and_does_not_say_to_use_the_msr() -> None:
+SEEN = None
+"""The official marks every alert as seen."""
+
+LOST, LOST_7 = (f'! ALERT: {alert(kart).text}' for kart in (1, 7))
+OTHER_TEXT = alert(1, text='It is otherwise')
+MSR, MSR_WAS_USED = msr_alert(3), replace(msr_alert(3), use_msr=False)
+UNMOVED = '⚠ USE THE MSR: Kart 3 has not acknowledged RED_RED'
+HAD_LOST = 'ENDED: Kart 1 had lost its connection'
+
+
+@pytest.mark.parametrize(
+    'steps',
+    [
+        [
+            ([MSR], True, [UNMOVED]),
+            ([], False, ['ENDED: Kart 3 had not acknowledged RED RED']),
+            (SEEN, False, []),
+        ],
+        # It is not forgotten once it is seen, but is to be seen again if it comes again.
+        [
+            ([alert(1)], True, [LOST]),
+            (SEEN, False, [f'{LOST} (seen)']),
+            ([], False, []),
+            ([alert(1)], True, [LOST]),
+        ],
+        # One that comes again before it was seen stands beside the old one.
+        [
+            ([alert(1)], True, [LOST]),
+            ([], False, [HAD_LOST]),
+            ([alert(1)], True, [LOST, HAD_LOST]),
+        ],
+        # One that was seen while the MSR was on is new when it asks for it again.
+        [
+            ([MSR], True, [UNMOVED]),
+            ([MSR_WAS_USED], False, [f'! ALERT: {MSR.text}']),
+            (SEEN, False, [f'! ALERT: {MSR.text} (seen)']),
+            ([MSR], True, [UNMOVED]),
+        ],
+        # Another text is no other alert.
+        [
+            ([alert(1)], True, [LOST]),
+            ([OTHER_TEXT], False, ['! ALERT: It is otherwise']),
+        ],
+    ],
+)
+def test_an_alert_stays_until_it_is_over_and_seen_and_is_new_when_it_comes_again(
+    steps: list[tuple[list[Alert] | None, bool, list[str]]],
+) -> None:
     book = AlertBook()
-    book.update([msr_alert(3)])
-    assert [*map(str, unseen(book))] == ['⚠ USE THE MSR: Kart 3 has not acknowledged RED_RED']
-
-    book.update([])
-
-    assert [*map(str, unseen(book))] == ['ENDED: Kart 3 had not acknowledged RED RED']
-    assert 'MSR' not in summary(book.shown, 0).text
-    see_all(book)
-    assert book.shown == []
+    for alerts, is_new, said in steps:
+        if alerts is SEEN:
+            see_all(book)
+        else:
+            assert book.update(alerts) is is_new
+        assert shown(book) == said
 
 
 def test_an_alert_of_the_console_itself_stays_through_every_race_until_it_is_seen() -> None:
@@ -82,25 +111,11 @@ def test_an_alert_of_the_console_itself_stays_through_every_race_until_it_is_see
     book.update([alert(7)])
     book.update([])
     book.begin_race()
-    assert [*map(str, unseen(book))] == ['! ALERT: ALL KILL is no longer sent']
+    assert shown(book) == ['! ALERT: ALL KILL is no longer sent']
 
     see_all(book)
 
-    assert book.shown == []
-
-
-def test_an_alert_that_was_seen_while_the_msr_was_on_is_new_when_it_asks_for_it_again() -> None:
-    book = AlertBook()
-    book.update([msr_alert(3)])
-    book.update([replace(msr_alert(3), use_msr=False)])
-    assert [notice.heading for notice in book.shown] == [ALERT_OTHER]
-    see_all(book)
-    assert not unseen(book)
-
-    assert book.update([msr_alert(3)])
-
-    assert [notice.use_msr for notice in book.shown] == [True]
-    assert len(unseen(book)) == 1
+    assert shown(book) == []
 
 
 def test_what_is_unseen_and_needs_the_msr_stands_first_and_what_is_seen_last() -> None:
@@ -110,9 +125,8 @@ def test_what_is_unseen_and_needs_the_msr_stands_first_and_what_is_seen_last() -
     assert book.update([alert(5), msr_alert(4), alert(3), msr_alert(1), alert(2)])
     assert not book.update([alert(5), msr_alert(4), msr_alert(1), alert(2)])
 
+    # Of the unseen ones that need no MSR, the newest is first.
     assert [notice.kart for notice in book.shown] == [4, 5, 3, 1, 2]
-    # Of the unseen ones, the newest is first.
-    assert [notice.kart for notice in unseen(book)] == [5, 4, 3]
 
 
 def test_alerts_that_find_no_place_are_told_with_their_karts_and_first_those_of_the_msr() -> None:
@@ -124,48 +138,13 @@ def test_alerts_that_find_no_place_are_told_with_their_karts_and_first_those_of_
     assert said == ['⚠ MSR 4, 5', '5 new; not shown: kart 9', '5 new']
 
 
-def test_an_alert_is_not_forgotten_once_it_is_seen_but_to_be_seen_again_if_it_comes_again() -> (
-    None
-):
-    book = AlertBook()
-    book.update([alert(1)])
-    see_all(book)
-    assert [notice.seen for notice in book.shown] == [True]
-    book.update([])
-    assert book.shown == []
-
-    assert book.update([alert(1)])
-
-    assert sentences(book) == ['Kart 1 lost its connection']
-
-
-def test_an_alert_that_comes_again_before_it_was_seen_stands_beside_the_old_one() -> None:
-    book = AlertBook()
-    book.update([alert(1)])
-    book.update([])
-
-    book.update([alert(1)])
-
-    assert [notice.lasts for notice in unseen(book)] == [True, False]
-
-
 def test_two_race_controls_that_speak_in_turn_do_not_pile_up_alerts() -> None:
     book = AlertBook()
 
     news = [book.update([alert(1 + turn % 2)], two=True) for turn in range(10)]
 
     assert news == [True, True] + 8 * [False]
-    assert len(unseen(book)) == 2
-
-
-def test_a_new_text_of_an_alert_is_shown() -> None:
-    book = AlertBook()
-    book.update([unsafe('kart 1 is not stopped')])
-
-    news = book.update([unsafe('kart 2 is not stopped')])
-
-    assert not news
-    assert sentences(book) == ['kart 2 is not stopped']
+    assert len(shown(book)) == 2
 
 
 def test_the_log_of_a_kart_has_what_concerns_it_and_all_and_a_refusal_is_marked() -> None:

@@ -1144,6 +1144,12 @@ def test_what_is_said_of_a_command_leaves_the_bottom_line_once_it_no_longer_hold
             console.tell(possible)
 
         assert not console.text('status'), how
+    console.tell(barred)
+    console.inbox.on_answer(Given(CommandKind.GREEN_GREEN), Answer(False, WHY))
+    console.settle(READ)
+    console.tell(barred)
+    assert WHY in console.text('status')  # it still holds
+    console.tell(possible)
     console.press('F3', 'Y')
     console.settle(LATE)
     for seconds, refused in ((0.0, True), (READ, False)):
