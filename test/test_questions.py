@@ -33,6 +33,7 @@ from evgp_rcs.rules.race import (
 )
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot, snapshot_of
 from evgp_rcs_console.client import spoken
+from evgp_rcs_console.commands import Given, shows
 from evgp_rcs_console.questions import Effects
 from evgp_rcs_console.view import Button, Screen
 from evgp_rcs_msgs import msg
@@ -150,7 +151,11 @@ class Walk:
             )
 
     def command(self, kind: CommandKind, number: int) -> None:
-        """Give a command as one does who saw the race and states whatever is asked."""
+        """
+        Give a command as one does who saw the race and states whatever is asked.
+
+        If it is accepted, the console sees its result in the race.
+        """
         one = CATALOGUE[kind].to_one_kart
         offered = self.race.availability(kind, number, self.now)
         self.race.command(
@@ -166,7 +171,12 @@ class Walk:
             ),
             self.now,
         )
-        self.race.saved(self.race.grids)
+        if outcome.start is not None:
+            outcome = self.race.start_saved(True, outcome.start.number, self.now)
+        assert outcome.answer is not None
+        if outcome.answer.success:
+            pressed = Given(kind, number if one else 0)
+            assert shows(snapshot_of(self.race, self.now), pressed), (kind, outcome.answer)
 
     def questions(self) -> Iterator[Question]:
         """Yield every command that asks and can be given now."""
