@@ -37,7 +37,6 @@ from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import Cell, GONE_AFTER, STATE_CELLS, STATES, tally, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import request
-from evgp_rcs_console.questions import Asked
 from evgp_rcs_console.results import races
 from evgp_rcs_console.view import (
     BARS,
@@ -179,34 +178,14 @@ def test_a_question_speaks_of_one_kart_and_of_several_and_says_who_stays_held_an
     assert 'Releases kart 7 (Purdue): RED RED, ALL_KILL.' in released
     assert 'no kart' not in ' '.join(released)
     for banner in ('', 'REHEARSAL'):
-        msr = said(screen_of(banner=banner), CommandKind.RECORD_MSR)
-        assert ('instructor' in ' '.join(msr)) is bool(banner)
+        screen = screen_of(banner=banner)
+        assert ('instructor' in ' '.join(said(screen, CommandKind.RECORD_MSR))) is bool(banner)
+        assert ('REHEARSAL' in table(screen)[0]) is bool(banner)
 
 
 NO_RACE_YET = replace(
     RACE.track, reason='nobody has stated it yet', settled_by=CommandKind.OPEN_TRACK
 )
-
-
-@pytest.mark.parametrize(
-    ('command', 'settled_by', 'warned'),
-    [
-        (CommandKind.IN_GARAGE, CommandKind.IN_GARAGE, False),
-        (CommandKind.OPEN_TRACK, CommandKind.IN_GARAGE, True),
-        (CommandKind.KART_IN_GARAGE, CommandKind.IN_GARAGE, True),
-        (CommandKind.OPEN_TRACK, CommandKind.OPEN_TRACK, False),
-        (CommandKind.IN_GARAGE, None, True),
-    ],
-)
-def test_no_question_warns_of_what_it_settles_by_itself(
-    command: CommandKind, settled_by: CommandKind | None, warned: bool
-) -> None:
-    track = replace(RACE.track, reason='look at every kart, then send it', settled_by=settled_by)
-    doubtful = replace(KART, sent=RED_RED, may_be_moving=True)
-    for karts in ((KART,), (doubtful,)):
-        race = replace(RACE, state=RED_RED, track=track, karts=karts)
-        asked = Asked(command, race, Availability(command, True), None, None)
-        assert bool(asked.warning) is (warned or karts == (doubtful,))
 
 
 @pytest.mark.parametrize('statement', ['', 'no race is under way anywhere'])
@@ -366,8 +345,10 @@ def test_at_a_first_start_the_track_is_closed_and_nothing_is_wrong() -> None:
     kart = replace(KART, sent=IN_GARAGE)
     for doubtful, said in ((False, Cell(texts.TRACK_CLOSED)), (True, None)):
         karts = (replace(kart, may_be_moving=doubtful),)
-        humans = screen_of(state=IN_GARAGE, track=NO_RACE_YET, karts=karts).humans
-        assert humans == said or (doubtful and humans.tone is Tone.BAD)
+        screen = screen_of(state=IN_GARAGE, track=NO_RACE_YET, karts=karts)
+        assert screen.humans == said or (doubtful and screen.humans.tone is Tone.BAD)
+        # To open the track settles by itself that nobody has stated it.
+        assert bool(screen.track_button.question.warning) is doubtful
 
 
 def test_nothing_is_yellow_while_a_race_goes_as_it_should() -> None:
