@@ -936,7 +936,12 @@ def test_an_alert_that_is_too_long_for_its_room_ends_with_dots_and_is_read_below
 def test_the_banner_of_race_control_is_at_the_top(console: Console) -> None:
     console.tell(race_of(1))
     assert not console.find('top_line').isVisible()
+    console.press('F1')
+    sheet, karts = (console.find(name).mapTo for name in ('help', 'karts'))
+    corner = QtCore.QPoint(0, 0)
+    before = sheet(console.window, corner) - karts(console.window, corner)
     console.tell(race_of(1, banner='REHEARSAL'))
+    assert sheet(console.window, corner) - karts(console.window, corner) == before
     top = console.find('top_line')
     assert top.text() == 'REHEARSAL'
     ground = top.grab().toImage().pixelColor(12, top.height() // 2)
