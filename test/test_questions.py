@@ -158,7 +158,7 @@ class Walk:
         """
         one = CATALOGUE[kind].to_one_kart
         offered = self.race.availability(kind, number, self.now)
-        self.race.command(
+        outcome = self.race.command(
             Command(
                 kind,
                 number if one else 0,
@@ -171,8 +171,7 @@ class Walk:
             ),
             self.now,
         )
-        if outcome.start is not None:
-            outcome = self.race.start_saved(True, outcome.start.number, self.now)
+        self.race.saved(self.race.grids)
         assert outcome.answer is not None
         if outcome.answer.success:
             pressed = Given(kind, number if one else 0)

@@ -14,7 +14,14 @@ from evgp_rcs.rules.race import Alert, AlertKind, Availability, Event, EventKind
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console.client import spoken
-from evgp_rcs_console.notices import AlertBook, EventLog, OfficialNames, summary
+from evgp_rcs_console.notices import (
+    ALERT_WAS,
+    AlertBook,
+    EventLog,
+    NEW_RUN,
+    OfficialNames,
+    summary,
+)
 from evgp_rcs_msgs import msg
 from example_race import KART, offers, RACE, replace
 import pytest
