@@ -73,7 +73,7 @@ LINKS = [
     NOT_MEASURED._replace(grade=grade, worst_answer=0.9994, round_trip=0.1996) for grade in Grade
 ]
 SENTENCES = (
-    *('status', 'tally', 'rest', 'officials', 'humans_reason'),
+    *('status', 'rest', 'humans_reason'),
     *('danger_detail', 'state_since', 'number_detail'),
 )
 """Texts of any length: if they do not fit, they end with dots, and the bottom line shows all."""
@@ -376,7 +376,8 @@ def misfits(window: Any) -> Iterator[str]:
                 cut = wide > widget.width() - style.look.px(6)
             said = alerts_in(widget) if isinstance(widget, AlertsArea) else widget.text()
             sentence = name in SENTENCES or ' ' in said[24:]
-            sentence = sentence and name not in ('reminder', 'msr', 'banner', 'danger_advice')
+            whole = 'tally', 'reminder', 'msr', 'banner', 'danger_advice'
+            sentence = sentence and name not in whole
             if cut and not sentence:
                 yield f'{name}: {said!r} is cut'
     karts = window.karts
@@ -730,7 +731,7 @@ def places(console: Console) -> dict[str, tuple[int, int, int, int]]:
 
 
 MOVES = (
-    *('number', 'standing', 'tally', 'reminder', 'rest', 'officials', 'battery'),
+    *('number', 'standing', 'tally', 'reminder', 'rest', 'battery'),
     *('question_', 'help_', 'top_line', 'danger'),
 )
 """What may move, because it is no control."""
