@@ -175,7 +175,7 @@ class Text(QtWidgets.QLabel):
     :param kind: the names that the style sheet uses: a size, ``bold``, ``faint``.
     :param fills: whether the tone of the text also colours the background.
     :param flows: whether the text takes all the height (with ``wrap``) or width that it needs, and
-        no room if it is empty. If it also ``fills``, it is never cut off.
+        no room if it is empty. If it also ``fills``, the texts beside it give way.
     :param smaller: the kind to use instead if the text does not fit; empty: always use ``kind``.
     """
 
