@@ -9,7 +9,7 @@ import os
 import select
 import socket
 import termios
-from typing import Protocol
+from typing import TypeAlias
 
 import serial
 
@@ -19,14 +19,8 @@ CONNECT_TIMEOUT = 2.0
 READ_BYTES = 4096
 
 
-class Device(Protocol):
-    """An open connection to a device."""
-
-    def fileno(self) -> int:
-        """Return the file descriptor of the connection."""
-
-    def close(self) -> None:
-        """Close the connection."""
+Device: TypeAlias = serial.Serial | socket.socket
+"""An open connection to a device."""
 
 
 def split(device: str) -> tuple[str, int] | None:
@@ -55,10 +49,9 @@ def connect(device: str, baud: int) -> Device:
     at = split(device)
     if at is None:
         try:
-            port: Device = serial.Serial(device, baud, exclusive=True)
+            return serial.Serial(device, baud, exclusive=True)
         except (ValueError, termios.error) as error:  # wrong baud rate, or just unplugged
             raise OSError(str(error)) from error
-        return port
     connection = socket.create_connection(at, CONNECT_TIMEOUT)
     connection.setblocking(False)
     return connection
