@@ -364,11 +364,11 @@ class Timekeeper(StrictNode):
 
     def _keep(self, now: float) -> None:
         """Write the results of each race that has changed into the book, for reports."""
-        self._kept_at = now
-        for number, race in enumerate(self._desk.races):
-            has = race.laps, race.published
-            if has != self._kept.get(number) and self._write(self._desk.standings(now, race)):
-                self._kept[number] = has
+        self._kept_at, races = now, self._desk.races
+        known = {number: (race.laps, race.published) for number, race in enumerate(races)}
+        new = [races[number] for number, each in known.items() if each != self._kept.get(number)]
+        if new and self._write(*(self._desk.standings(now, race) for race in new)):
+            self._kept = known
 
     def _ask_for(self, wanted: Finish) -> Future:
         call = self._finish.call_async(KartFinish.Request(official=TIMEKEEPER, **wanted._asdict()))
