@@ -152,7 +152,6 @@ class Rehearsal(Part):
         self._witness = witness
         self._parameters = parameters or {}
         self._heat = list(plan.numbers if heat is None else heat)
-        self._tried = dict.fromkeys(self.field.karts, -CONNECT_AGAIN)
         with contextlib.ExitStack() as stack:
             # A process ends with the thread that started it (evgp_testing.process), so this thread
             # lives as long as the rehearsal.
@@ -178,7 +177,7 @@ class Rehearsal(Part):
                 stack.enter_context(process)
             if window:
                 self.open_window()
-            stack.callback(self._close_window)
+            stack.callback(lambda: self.window is not None and self.window.close())
             self._stack = stack.pop_all()
         self._thread = threading.Thread(target=self._run, name='field', daemon=True)
         self._thread.start()
@@ -355,28 +354,26 @@ class Rehearsal(Part):
 
     def _connect(self, number: int, wanted: Connected) -> None:
         link = self.links.get(number)
-        there = (
-            Connected.NOBODY
-            if link is None or link.ended
-            else Connected.KART
-            if isinstance(link, DrivenKart)
-            else Connected.STRANGER
-        )
-        if link is not None and there is not wanted:
-            del self.links[number]
-            if wanted is Connected.STRANGER and there is Connected.KART:
-                # The new connection replaces the kart's own, which race control then ends.
+        present = Connected.NOBODY
+        if link is not None and not link.ended:
+            present = Connected.KART if isinstance(link, DrivenKart) else Connected.STRANGER
+        if present is wanted:
+            return
+        if link is None:
+            if self.field.tick % CONNECT_AGAIN == 0:
                 self._join(number, wanted)
-                link.wait_for_end()
-            link.close()
-            if isinstance(link, DrivenKart):
-                with self.lock:
-                    self.field.karts[number].drop()
-        elif there is not wanted and self.field.tick - self._tried[number] >= CONNECT_AGAIN:
+            return
+        del self.links[number]
+        if wanted is Connected.STRANGER and present is Connected.KART:
+            # The new connection replaces the kart's own, which race control then ends.
             self._join(number, wanted)
+            link.wait_for_end()
+        link.close()
+        if isinstance(link, DrivenKart):
+            with self.lock:
+                self.field.karts[number].drop()
 
     def _join(self, number: int, wanted: Connected) -> None:
-        self._tried[number] = self.field.tick
         with contextlib.suppress(OSError):  # race control is not running, so try again later
             self.links[number] = (
                 DrivenKart(number, self.control.port, self._hear, self._witness)
@@ -460,10 +457,6 @@ class Rehearsal(Part):
         own = {number: (team, address_of(number)) for number, team in self._teams().items()}
         if heard != own:
             raise RefusedError("the race is not this rehearsal's own")
-
-    def _close_window(self) -> None:
-        if self.window is not None:
-            self.window.close()
 
 
 def corrected(folder: pathlib.Path) -> list[Corrected]:
