@@ -86,7 +86,7 @@ def board(heard: Heard) -> Shown:
     race, results = heard.race or NOTHING, _of_this_race(heard)
     found = {each.kart: each for each in results.karts}
     karts = {each.number: each for each in race.karts if each.in_race or each.number in found}
-    order = [number for number in (*found, *(karts.keys() - found.keys())) if number in karts]
+    order = [number for number in dict.fromkeys((*found, *karts)) if number in karts]
     counted = any(each.place for each in results.karts)
     if not counted:  # no laps are counted
         order = sorted(karts, key=lambda number: (karts[number].place or math.inf, number))

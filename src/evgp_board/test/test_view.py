@@ -66,6 +66,13 @@ def test_the_order_is_that_of_the_results_with_the_distance_to_the_leader() -> N
     assert shown(heard) == [(1, 7, '4:05.312'), (2, 9, '+3.400'), (3, 3, '+1 lap')]
 
 
+def test_karts_without_a_result_are_last_in_the_order_of_the_roster() -> None:
+    numbers = (64, 5, 33, 7, 16)
+    found = results(result(7, 1, 6, 245.0), result(33, 2, 6, 246.0))
+    rows = shown(Heard(race(*map(kart, numbers)), found))
+    assert [number for _, number, _ in rows] == [7, 33, 64, 5, 16]
+
+
 def test_where_nobody_counts_laps_the_order_is_that_of_the_finish() -> None:
     heard = Heard(race(kart(3), kart(7, place=1)), results(result(3, 0), result(7, 0)))
     assert shown(heard) == [(1, 7, ''), ('', 3, '')]
