@@ -7,21 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
-import dataclasses
 import os
 import pathlib
 import signal
 import socket
-import threading
 from typing import Any
 
 from evgp_board import node
-from evgp_board.server import Server
 from evgp_board.view import Heard, Line
 from evgp_node.results import KartResult, Standings, Status
 from evgp_protocol import clock
 from evgp_protocol.link import Grade
-from evgp_protocol.loop import run
 from evgp_protocol.states import RaceState
 from evgp_protocol.states import RaceState as S
 from evgp_rcs.rules.link_quality import NOT_MEASURED
@@ -38,6 +34,7 @@ from rig import browser as rig_browser
 from rig.browser import Browser
 from rig.needs import cannot_run
 from test_security import allowed, in_graph
+from test_server import Board
 
 HOSTILE = '<img src=x onerror=document.title="hacked">'
 
@@ -166,21 +163,6 @@ def test_a_board_on_the_network_of_the_karts_ends(monkeypatch: pytest.MonkeyPatc
         node.refuse_karts_network('10.0.0.5', race)
 
 
-@contextlib.contextmanager
-def served(heard: Heard) -> Iterator[str]:
-    """Serve pages of what was made up; give their address."""
-    heard, ending = dataclasses.replace(heard, came=clock.now()), threading.Event()
-    listening = socket.create_server(('127.0.0.1', 0))
-    server = Server(lambda at: heard)
-    serving = threading.Thread(target=lambda: run(server.run(listening, ending)))
-    serving.start()
-    try:
-        yield f'http://127.0.0.1:{listening.getsockname()[1]}'
-    finally:
-        ending.set()
-        serving.join()
-
-
 TEAMS = ('Purdue', 'Georgia Tech', 'UC Berkeley', 'Toledo', 'Michigan', 'Kennesaw State')
 
 
@@ -235,7 +217,7 @@ def made_up(count: int) -> Heard:
     )
     said = ['Connected', 'GRID ACTIVE sent', 'GRID ACTIVE answered', 'GREEN GREEN sent']
     log = tuple(Line(text, f'14:2{at}:11.6') for at, text in enumerate(said))
-    return Heard(race, results, log={11: log})
+    return Heard(race, results, log={11: log}, came=clock.now())
 
 
 @pytest.mark.parametrize('karts', [6, pytest.param(20, marks=pytest.mark.long)])
@@ -245,7 +227,8 @@ def test_the_screenshots_of_the_board(
     tmp_path: pathlib.Path,
     karts: int,
 ) -> None:
-    address = parts.enter_context(served(made_up(karts)))
+    board = parts.enter_context(contextlib.closing(Board()))
+    board.now, address = made_up(karts), f'http://127.0.0.1:{board.port}'
     folder = pathlib.Path(os.environ.get('EVGP_SCREENSHOTS', tmp_path))
     for name, path, width, height in (
         ('board', '/', 1920, 1080),
