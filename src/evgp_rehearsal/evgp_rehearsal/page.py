@@ -79,15 +79,10 @@ def picture(rehearsal: Rehearsal) -> dict[str, Any]:
 
 
 class Page(Part):
-    """
-    The server of a rehearsal's page.
+    """The server of a rehearsal's page."""
 
-    :param port: port of the page; 0 for any.
-    :raises OSError: if the port is taken.
-    """
-
-    def __init__(self, rehearsal: Rehearsal, port: int = 0) -> None:
-        self._server = http.server.ThreadingHTTPServer((HERE, port), _handler(rehearsal))
+    def __init__(self, rehearsal: Rehearsal) -> None:
+        self._server = http.server.ThreadingHTTPServer((HERE, 0), _handler(rehearsal))
         self._server.daemon_threads = True
         self.url = f'http://{HERE}:{self._server.server_port}/'
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)

@@ -119,17 +119,18 @@ class Plan:
         return tuple(range(1, self.karts + 1))
 
 
-def read_plan(text: str, **changes: object) -> Plan:
+def read_plan(text: str, karts: int | None = None) -> Plan:
     """
-    Return the plan in a YAML text, with these changes.
+    Return the plan in a YAML text.
 
+    :param karts: number of karts, in place of that in the text.
     :raises PlanError: if the plan is wrong.
     """
     try:
         given = yaml.safe_load(text)
         if not isinstance(given, dict):
             raise PlanError('the plan must be a YAML mapping, like config/rehearsal.yaml')
-        plan = _plan({**given, **changes})
+        plan = _plan(given if karts is None else {**given, 'karts': karts})
     except PlanError:
         raise
     except (yaml.YAMLError, ValueError, TypeError, KeyError) as error:

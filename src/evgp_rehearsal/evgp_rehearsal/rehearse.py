@@ -40,12 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog=os.environ.get('EVGP_CALLED', 'rehearse'), description='Rehearse a race.'
     )
     parser.add_argument('--plan', type=pathlib.Path, help='a YAML file such as the default plan')
-    parser.add_argument('--seed', type=int, help="replaces the plan's seed")
     parser.add_argument('--karts', type=int, help="replaces the plan's number of karts")
-    parser.add_argument(
-        '--bridged', type=int, default=0, help='number of karts with the real bridge and stack'
-    )
-    parser.add_argument('--page', type=int, default=0, metavar='PORT', help='port of the web page')
     parser.add_argument('--debrief', type=pathlib.Path, help='write the debriefs to this file')
     parser.add_argument('--no-window', action='store_true', help='open neither window nor browser')
     parser.add_argument(
@@ -60,8 +55,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         plan = _load_plan(given)
     except (PlanError, OSError) as error:
         parser.error(str(error))
-    if not 0 <= given.bridged < plan.karts:
-        parser.error('--bridged must leave at least one simulated kart')
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     with tempfile.TemporaryDirectory() as folder:
@@ -77,9 +70,7 @@ def _load_plan(given: argparse.Namespace) -> Plan:
     """
     shared = get_package_share_directory('evgp_rehearsal')
     file = given.plan or pathlib.Path(shared, 'config', 'rehearsal.yaml')
-    asked = {name: getattr(given, name) for name in ('seed', 'karts')}
-    changes = {name: each for name, each in asked.items() if each is not None}
-    plan = read_plan(file.read_text(encoding='utf-8'), **changes)
+    plan = read_plan(file.read_text(encoding='utf-8'), given.karts)
     for cue in plan.script:
         if cue.incident not in INCIDENTS:
             raise PlanError(f'{file}: there is no incident {cue.incident}')
@@ -90,8 +81,8 @@ def _load_plan(given: argparse.Namespace) -> Plan:
 def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.Namespace) -> int:
     screen = not given.no_window and any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY')))
     with contextlib.ExitStack() as stack:
-        rehearsal = stack.enter_context(Rehearsal(plan, folder, given.bridged, window=screen))
-        page = stack.enter_context(Page(rehearsal, given.page))
+        rehearsal = stack.enter_context(Rehearsal(plan, folder, window=screen))
+        page = stack.enter_context(Page(rehearsal))
         console.rule(BANNER, style='bold magenta')
         opened = screen and webbrowser.open(page.url)
         where = '' if opened else ' (open it on this machine to begin incidents)'
