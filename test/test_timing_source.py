@@ -210,7 +210,7 @@ def test_a_silent_decoder_is_told_and_connected_to_again(
 def test_the_emulator_of_a_decoder_is_heard_as_one(
     start: Start, listener: Listener, parts: contextlib.ExitStack
 ) -> None:
-    words = ['--port', '0', '--lap', '0.5', '--status', '0.2', '--transponders', '1', '2']
+    words = ['--port', '0', '--lap', '0.5', '--transponders', '1', '2']
     command = [executable('evgp_timing', 'p3_emulator'), *words]
     emulator = parts.enter_context(Program('p3_emulator', command, end='INT'))
     start(kind='p3', device=f'127.0.0.1:{emulator.wait_for_line("listens at .*:([0-9]+)")[1]}')

@@ -23,6 +23,9 @@ from evgp_timing import p3
 STATUS_RECORD = p3.P3.encode(p3.Kind.STATUS, [(0x01, b'\x28\0'), (0x07, b'\x16\0')])
 """A sign of life, with noise and temperature."""
 
+STATUS_PERIOD = 4.0
+"""Time between two signs of life, in seconds."""
+
 
 def passing(number: int, transponder: int, time_us: int) -> bytes:
     """Return the record of a passing, whose time is in microseconds since 1970."""
@@ -38,17 +41,13 @@ def passing(number: int, transponder: int, time_us: int) -> bytes:
     )
 
 
-async def serve(
-    server: socket.socket, transponders: list[int], lap: float, spread: float, status: float
-) -> None:
+async def serve(server: socket.socket, transponders: list[int], lap: float) -> None:
     """
     Simulate laps until the process ends, and send the passings to every connected program.
 
     :param server: the listening socket.
     :param transponders: number of each kart's transponder.
     :param lap: mean lap time, in seconds.
-    :param spread: maximum deviation from the mean, as a fraction of it.
-    :param status: time between two signs of life, in seconds.
     """
     listeners: set[asyncio.StreamWriter] = set()
     numbers, chance = itertools.count(1), random.Random()  # noqa: S311 - lap times
@@ -67,13 +66,13 @@ async def serve(
     async def signs() -> None:
         while True:
             send(STATUS_RECORD)
-            await asyncio.sleep(status)
+            await asyncio.sleep(STATUS_PERIOD)
 
     async def kart(place: int, transponder: int) -> None:
         await asyncio.sleep(0.5 * place)
         while True:
             send(passing(next(numbers), transponder, time.time_ns() // 1000))
-            await asyncio.sleep(lap * chance.uniform(1 - spread, 1 + spread))
+            await asyncio.sleep(lap * chance.uniform(0.9, 1.1))
 
     await asyncio.start_server(listen, sock=server)
     await asyncio.gather(signs(), *itertools.starmap(kart, enumerate(transponders, 1)))
@@ -82,18 +81,15 @@ async def serve(
 def main(args: list[str] | None = None) -> int:
     """Run the emulator until Ctrl-C."""
     parser = argparse.ArgumentParser(description='A MYLAPS P3 decoder without hardware.')
-    parser.add_argument('--address', default='127.0.0.1', help='address to listen on')
     parser.add_argument('--port', type=int, default=p3.PORT, help='port to listen on; 0 for any')
     parser.add_argument('--transponders', type=int, nargs='+', default=[1001, 1002])
     parser.add_argument('--lap', type=float, default=20.0, help='mean lap time, s')
-    parser.add_argument('--spread', type=float, default=0.1, help='maximum deviation, a fraction')
-    parser.add_argument('--status', type=float, default=4.0, help='time between signs of life, s')
     given = parser.parse_args(args)
-    with socket.create_server((given.address, given.port)) as server:
+    with socket.create_server(('127.0.0.1', given.port)) as server:
         host, port = server.getsockname()
         print(f'A P3 decoder listens at {host}:{port}', flush=True)
         with contextlib.suppress(KeyboardInterrupt):
-            asyncio.run(serve(server, given.transponders, given.lap, given.spread, given.status))
+            asyncio.run(serve(server, given.transponders, given.lap))
     return 0
 
 
