@@ -350,6 +350,13 @@ def test_a_press_gives_the_kart_the_oldest_crossing_that_a_beam_saw_lately() -> 
     # The second press is too soon for another lap of kart 2, and takes nothing from kart 1.
     assert story.laps.counted == {1: (30.0,), 2: (10.0, 29.0), 3: ()}
     assert [each.mark for each in story.laps.crossings].count(Mark.DOUBTFUL) == 1
+    # A press is shown by itself only if no crossing is shown for it.
+    shown = [(each.passing.source, each.mark) for each in story.laps.last_passings(9)]
+    assert shown == [('beam', Mark.COUNTED)] * 3 + [(BY_HAND, Mark.DOUBTFUL)]
+    second = story.laps.crossings[4].passing
+    freed = story.laps.strike(second.identity, 'the wrong letter')
+    assert freed.counted[1] == (30.0,)
+    assert freed.kart_of(story.laps.crossings[2].passing) == 0
     struck = story.laps.strike(bird.identity, 'a bird')
     assert struck.counted[2] == (29.0,)
     assert struck.restore(bird.identity).counted == story.laps.counted
