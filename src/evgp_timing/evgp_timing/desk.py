@@ -330,17 +330,13 @@ class Desk:
         race = self.races[number - 1]
         return given._replace(run=race.run, race=race.number)
 
-    def race_of(self, given: Corrected) -> Race | None:
-        """Return the race that a correction from `about` concerns, or None."""
-        # After a restart, the event may have fewer races, so that their places say nothing.
-        its = (each for each in self.races if (each.run, each.number) == (given.run, given.race))
-        return next(its, None)
-
     def _correct(self, given: Corrected) -> Answer:
         asked = given.correction
         if asked.act is Act.GIVE:
             return self._give(asked)
-        race = self.race_of(given)
+        # After a restart, the event may have fewer races, so that their places say nothing.
+        its = (each for each in self.races if (each.run, each.number) == (given.run, given.race))
+        race = next(its, None)
         if asked.race and race is None:
             return Answer(False, f'this event has no race {asked.race}')
         if race is None or not race.started:

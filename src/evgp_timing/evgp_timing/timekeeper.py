@@ -19,7 +19,7 @@ a hang, they also wait for race control's events, which show which race each pas
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import dataclasses
 import math
 import pathlib
@@ -202,7 +202,7 @@ class Timekeeper(StrictNode):
         self._asked: dict[Finish, tuple[float, Future]] = {}
         self._shown: Standings | None = None
         self._kept_at = self._noted_at = -math.inf
-        self._kept: dict[int, tuple[object, ...]] = {}  # what the book has of each race
+        self._kept: Mapping[int, tuple[object, ...]] = {}  # what the book has of each race
         self._results = self.create_publisher(msg.Results, '~/results', RESULTS_QOS)
         self._finish = self.create_client(KartFinish, 'kart/finish')
         for act, entry in CORRECTIONS.items():
@@ -327,9 +327,8 @@ class Timekeeper(StrictNode):
             answer = self._feed(given)
             assert answer is not None
             if answer.success:
-                race = self._desk.race_of(given)
-                corrected = [self._desk.standings(given.at, race)] if race is not None else []
-                self._write(given, *corrected)
+                self._write(given)
+                self._keep(given.at)
             response.success, response.message = answer.success, answer.text
             self.get_logger().info(f'{answer.text} [{heard(request.official)}]')
 
@@ -364,10 +363,12 @@ class Timekeeper(StrictNode):
 
     def _keep(self, now: float) -> None:
         """Write the results of each race that has changed into the book, for reports."""
-        self._kept_at, races = now, self._desk.races
-        known = {number: (race.laps, race.published) for number, race in enumerate(races)}
-        new = [races[number] for number, each in known.items() if each != self._kept.get(number)]
-        if new and self._write(*(self._desk.standings(now, race) for race in new)):
+        self._kept_at = now
+        listed = zip(self._desk.races, self._desk.standings(now).races, strict=True)
+        known = {row.number: (race.laps, race.published, row.counts) for race, row in listed}
+        new = [number for number, each in known.items() if each != self._kept.get(number)]
+        results = [self._desk.standings(now, self._desk.races[number - 1]) for number in new]
+        if results and self._write(*results):
             self._kept = known
 
     def _ask_for(self, wanted: Finish) -> Future:
