@@ -14,15 +14,16 @@ import datetime
 import functools
 import pathlib
 import random
-import signal
 import sys
 
 from evgp_inspection import VERSION
 from evgp_inspection.inspection import inspect
 from evgp_inspection.inspector import (
     AtTerminal,
+    CONDITIONS,
     Inspector,
     Printer,
+    stopped_by_signals,
     Unattended,
     WORD,
 )
@@ -30,7 +31,6 @@ from evgp_inspection.kart_script import Kill, KILL_PART, KILLING_STEPS, RACE_STE
 from evgp_inspection.kart_sentences import BY_STATEMENT, KART
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import listen
-from evgp_inspection.recording import first
 from evgp_inspection.report import as_html, as_json, write_files
 from evgp_inspection.survey_network import survey_network
 from evgp_inspection.verdicts import Clause, Exit, Inspection, results_of, select
@@ -187,19 +187,13 @@ async def _with_the_word(
     options: argparse.Namespace, printer: Printer, limits: Limits, clauses: Sequence[Clause]
 ) -> Inspection:
     """Inspect once the inspector has typed the word; a signal ends the inspection."""
-    stopping = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        loop.add_signal_handler(number, stopping.set)
+    stopping = stopped_by_signals()
     with contextlib.ExitStack() as stack:
         inspector: Inspector = Unattended(printer.tell)
         if not options.unattended:
-            terminal = AtTerminal(printer, stopping.set)
-            inspector = stack.enter_context(terminal)
-            given = loop.create_task(terminal.confirm())
-            await first(given, stopping)
-            if not given.done() or not given.result():
-                given.cancel()
+            inspector = terminal = AtTerminal(printer, stopping)
+            stack.enter_context(terminal.reading())
+            if not await terminal.confirm(CONDITIONS):
                 remarks = ['Not started.']
                 return Inspection(results_of({}, clauses, limits, remarks), limits, 0.0, remarks)
         return await inspect(

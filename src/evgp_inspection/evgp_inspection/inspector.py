@@ -10,10 +10,13 @@ A thread does the printing, so that a paused terminal (Ctrl-S) never delays fram
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+import codecs
+from collections.abc import Callable, Iterator
 import contextlib
 import os
 import queue
+import shutil
+import signal
 import sys
 import termios
 import threading
@@ -21,14 +24,15 @@ import time
 import tty
 from typing import Protocol
 
+from evgp_inspection.recording import first
+
 WORD = 'ready'
 """The word that the inspector types to allow the kart to drive."""
 
-FIRST = f"""\
+CONDITIONS = """\
   1. The kart's wheels are OFF THE GROUND, and nobody and nothing touches them.
   2. You hold the MASTER SAFETY REMOTE, and you have tested it.
-  3. You know that the SPACE BAR stops the kart and ends the inspection.
-When all of this is true, type "{WORD}" and Enter: """
+  3. You know that the SPACE BAR stops the kart and ends the inspection."""
 
 
 class Inspector(Protocol):
@@ -79,51 +83,129 @@ class Printer:
                 sys.stdout.flush()
 
 
-class AtTerminal:
+class Terminal:
+    """
+    Shows lines and, below them, a status with the typed text.
+
+    In a pipe, bytes take the place of keys.
+
+    :param stopping: set when Ctrl-D is typed.
+    :param word: the word, if it was given in another way.
+    """
+
+    def __init__(self, printer: Printer, stopping: asyncio.Event, word: str = '') -> None:
+        self._printer = printer
+        self._stopping = stopping
+        self._decode = codecs.getincrementaldecoder('utf-8')('replace').decode
+        self._typed = self._status = ''
+        self._word: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        if word:
+            self._word.set_result(word)
+        self._live = sys.stdout.isatty()
+
+    def tell(self, line: str, end: str = '\n') -> None:
+        """Print a permanent line."""
+        self._printer.tell(f'\r\x1b[J{line}' if self._live and self._status else line, end)
+        self._show()
+
+    def show(self, status: str) -> None:
+        """Print a status, replacing the earlier one if possible."""
+        self._status = status
+        if self._live:
+            self._show()
+        else:
+            self._printer.tell(status)
+
+    def _show(self) -> None:
+        if self._live and self._status:
+            width = shutil.get_terminal_size().columns - 1
+            typed = f'  {self._typed}'[-width:]
+            self._printer.tell(f'\r\x1b[J{self._status[: width - len(typed)]}{typed}', end='')
+
+    @contextlib.contextmanager
+    def reading(self) -> Iterator[None]:
+        """Read keys and show them below the rest."""
+        loop = asyncio.get_running_loop()
+        before = termios.tcgetattr(0) if os.isatty(0) else None
+        try:
+            loop.add_reader(0, self._read)
+        except PermissionError:  # a file, or nothing
+            self._end()
+        try:
+            if before is not None:
+                tty.setcbreak(0, termios.TCSANOW)  # what is typed already counts
+            yield
+        finally:
+            loop.remove_reader(0)
+            if before is not None:
+                termios.tcsetattr(0, termios.TCSADRAIN, before)
+            self._status = ''
+            self.tell('')
+
+    async def confirm(self, conditions: str) -> bool:
+        """Show the conditions and ask for the word; return whether it was typed."""
+        if not self._word.done():
+            self.tell(f'{conditions}\nWhen all of this is true, type "{WORD}" and Enter.')
+            self.show('>')
+            await first(self._word, self._stopping)
+            self._status = ''
+            self.tell('')
+        return self._word.done() and self._word.result().lower() == WORD
+
+    def _read(self) -> None:
+        try:
+            data = os.read(0, 1024)
+        except OSError:
+            data = b''
+        if not data:
+            asyncio.get_running_loop().remove_reader(0)
+            self._end()
+        for key in self._decode(data):
+            if key == '\x04':
+                self._stopping.set()
+            elif self._word.done():
+                self.on_key(key)
+            else:
+                self.edit(key, self._word.set_result)
+        self._show()
+
+    def edit(self, key: str, take_line: Callable[[str], None]) -> None:
+        """Change the typed text; pass it on when Enter is typed."""
+        if key in '\r\n':
+            typed, self._typed = self._typed, ''
+            take_line(typed.strip())
+        elif key in '\b\x7f':
+            self._typed = self._typed[:-1]
+        elif key.isprintable():
+            self._typed += key
+
+    def _end(self) -> None:
+        """Take note that there is no keyboard input any more."""
+        if self._word.done():
+            self.on_end()
+        else:
+            self._word.set_result('')
+
+    def on_key(self, key: str) -> None:
+        """Handle a key that is typed after the word."""
+
+    def on_end(self) -> None:
+        """Handle the end of the keyboard input after the word."""
+
+
+class AtTerminal(Terminal):
     """
     An inspector at a terminal, who answers with single keys.
 
-    A key that is pressed before a question does not answer it. In a pipe, bytes take the place of
-    keys.
-
-    :param stop: called in the loop when a stop key is pressed after the word was typed, or when
-        the terminal is gone.
+    A key that is pressed before a question does not answer it. Space and Escape set `stopping`, as
+    does the end of the terminal, because nobody watches then.
     """
 
-    def __init__(self, printer: Printer, stop: Callable[[], None], fd: int = 0) -> None:
-        self._printer = printer
-        self._stop = stop
-        self._fd = fd
-        self._word: asyncio.Future[bool] | None = None
-        self._typed = ''
-        self._answer: asyncio.Future[bool] | None = None
-        self._before: list[int | list[bytes | int]] | None = None
-        self.tell = printer.tell
-
-    def __enter__(self) -> AtTerminal:
-        """Start to read keys."""
-        asyncio.get_running_loop().add_reader(self._fd, self._read)
-        return self
-
-    def __exit__(self, *reason: object) -> None:
-        """Restore the terminal's settings."""
-        asyncio.get_running_loop().remove_reader(self._fd)
-        if self._before is not None:
-            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
-
-    async def confirm(self) -> bool:
-        """Ask for the word; return whether it was typed."""
-        self._printer.tell(FIRST, end='')
-        self._word = asyncio.get_running_loop().create_future()
-        given = await self._word
-        if given and os.isatty(self._fd):
-            self._before = termios.tcgetattr(self._fd)
-            tty.setcbreak(self._fd)
-        return given
+    _answer: asyncio.Future[bool] | None = None
 
     async def ask(self, question: str, seconds: float) -> bool | None:
         """Ask a question, which the inspector answers by the key y or n."""
-        self._printer.tell(f'\a  ?  {question}  y/n ', end='')
+        self.tell(f'\a  ?  {question}  y/n ', end='')
         given: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
         self._answer = given
         began = time.monotonic()
@@ -132,33 +214,26 @@ class AtTerminal:
         finally:
             self._answer = None
         if not given.done():
-            self._printer.tell('no answer')
+            self.tell('no answer')
             return None
         answer = given.result()
         word = 'yes' if answer else 'NO'
-        self._printer.tell(f'{word}, after {time.monotonic() - began:.1f} s')
+        self.tell(f'{word}, after {time.monotonic() - began:.1f} s')
         return answer
 
-    def _read(self) -> None:
-        try:
-            text = os.read(self._fd, 1024).decode('utf-8', 'replace')
-        except OSError:
-            text = ''
-        if not text:  # the terminal is gone, so nobody watches
-            asyncio.get_running_loop().remove_reader(self._fd)
-            if self._word is not None and not self._word.done():
-                self._word.set_result(False)
-            else:
-                self._stop()
-            return
-        if self._word is not None and not self._word.done():
-            self._typed += text
-            line, end, _ = self._typed.partition('\n')
-            if end:
-                self._word.set_result(line.strip().lower() == WORD)
-            return
-        for key in text.lower():
-            if key in ' \x1b':  # space or Escape
-                self._stop()
-            elif key in 'yn' and self._answer is not None and not self._answer.done():
-                self._answer.set_result(key == 'y')
+    def on_key(self, key: str) -> None:
+        if key in ' \x1b':  # space or Escape
+            self._stopping.set()
+        elif key in 'ynYN' and self._answer is not None and not self._answer.done():
+            self._answer.set_result(key in 'yY')
+
+    def on_end(self) -> None:
+        self._stopping.set()
+
+
+def stopped_by_signals() -> asyncio.Event:
+    """Return an event of the running loop that the signals set which end programs."""
+    stopping = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        asyncio.get_running_loop().add_signal_handler(number, stopping.set)
+    return stopping

@@ -13,23 +13,15 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import codecs
-from collections.abc import Callable, Iterator, Mapping, Sequence
-import contextlib
+from collections.abc import Callable, Mapping, Sequence
 import datetime
-import os
 import pathlib
-import shutil
-import signal
 import socket
 import sys
-import termios
-import tty
 
 from evgp_inspection import VERSION
-from evgp_inspection.inspector import Printer, WORD
+from evgp_inspection.inspector import Printer, stopped_by_signals, Terminal, WORD
 from evgp_inspection.limits import SurveyLimits
-from evgp_inspection.recording import first
 from evgp_inspection.report import write_files
 from evgp_inspection.survey import LinkSurvey, LOST, Mark, Report
 from evgp_inspection.traces import BEAT
@@ -46,11 +38,10 @@ FRAME = encode(RaceState.IN_GARAGE)
 LOOK_EVERY = 0.01
 """Time between two looks for answers, in seconds. It limits the precision of the round trips."""
 
-SURVEY_FIRST = f"""\
+SURVEY_CONDITIONS = """\
   1. Race control is not running, and NO STOP IS IN FORCE. The survey sends IN_GARAGE to each kart
      that connects, which gives the kart to its team, whatever stopped it before.
-  2. Everyone on the track knows that teams may move their karts there.
-When all of this is true, type "{WORD}" and Enter."""
+  2. Everyone on the track knows that teams may move their karts there."""
 
 EXAMPLE = 'PYTHONPATH=src/evgp_protocol python3 kit/python/example.py ADDRESS'
 """The command that makes a laptop act as a kart. ADDRESS is this computer's address."""
@@ -212,88 +203,6 @@ class Surveyor:
         self._tell(f'LOST {link.address}: {why}.')
 
 
-class Terminal:
-    """
-    Shows events line by line, and below them the current figures and the typed text.
-
-    :param line: called with each typed line.
-    :param stop: called when Ctrl-D is typed.
-    :param gone: called if there is no keyboard input, or when it ends.
-    """
-
-    def __init__(
-        self, line: Callable[[str], None], stop: Callable[[], None], gone: Callable[[], None]
-    ) -> None:
-        self._printer = Printer()
-        self._line, self._stop, self._gone = line, stop, gone
-        self._decode = codecs.getincrementaldecoder('utf-8')('replace').decode
-        self._typed = self._now = ''
-        self._live = sys.stdout.isatty()
-
-    def tell(self, line: str) -> None:
-        """Print a permanent line."""
-        self._printer.tell(f'\r\x1b[J{line}' if self._live else line)
-        self._show()
-
-    def show(self, now: str) -> None:
-        """Print the current figures, replacing the earlier ones if possible."""
-        self._now = now
-        if self._live:
-            self._show()
-        else:
-            self._printer.tell(now)
-
-    def _show(self) -> None:
-        if self._live and self._now:
-            width = shutil.get_terminal_size().columns - 1
-            typed = f'  {self._typed}'[-width:]
-            self._printer.tell(f'\r\x1b[J{self._now[: width - len(typed)]}{typed}', end='')
-
-    @contextlib.contextmanager
-    def reading(self) -> Iterator[None]:
-        """Read keyboard input and show it below the rest."""
-        loop = asyncio.get_running_loop()
-        before = termios.tcgetattr(0) if os.isatty(0) else None
-        try:
-            loop.add_reader(0, self._read)
-        except PermissionError:  # a file, or nothing
-            self._gone()
-        try:
-            if before is not None:
-                tty.setcbreak(0)
-            yield
-        finally:
-            loop.remove_reader(0)
-            if before is not None:
-                termios.tcsetattr(0, termios.TCSADRAIN, before)
-            self._now = ''
-            self.tell('')
-
-    def close(self) -> None:
-        """Print the remaining lines."""
-        self._printer.close()
-
-    def _read(self) -> None:
-        try:
-            data = os.read(0, 1024)
-        except OSError:
-            data = b''
-        if not data:
-            asyncio.get_running_loop().remove_reader(0)
-            self._gone()
-        for key in self._decode(data):
-            if key in '\r\n':
-                typed, self._typed = self._typed, ''
-                self._line(typed.strip())
-            elif key in '\b\x7f':
-                self._typed = self._typed[:-1]
-            elif key == '\x04':
-                self._stop()
-            elif key.isprintable():
-                self._typed += key
-        self._show()
-
-
 def figures_now(karts: Mapping[str, LinkSurvey]) -> str:
     """Return the current figures of every kart, worst grade first."""
     found = []
@@ -341,8 +250,9 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
         limits = SurveyLimits.taken_from(options)
     except ValueError as error:
         parser.error(str(error))
+    printer = Printer()
     try:
-        report = run(_survey(options, limits))
+        report = run(_survey(options, limits, printer))
     except (OSError, OverflowError) as error:  # OverflowError: a port above 65535
         print(
             f'The survey cannot start: {error}. Race control must not be running on this '
@@ -350,6 +260,8 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return Exit.NOT_PASSED
+    finally:
+        printer.close()
     if report is None:
         print(f'The survey did not start: the word was not "{WORD}".', file=sys.stderr)
         return Exit.NOT_PASSED
@@ -360,26 +272,21 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
     return exit_code(report.verdict)
 
 
-async def _survey(options: argparse.Namespace, limits: SurveyLimits) -> Report | None:
+class AtTerminal(Terminal):
+    """Somebody at a terminal, each of whose lines marks a place."""
+
+    surveyor: Surveyor
+
+    def on_key(self, key: str) -> None:
+        self.edit(key, self.surveyor.mark)
+
+
+async def _survey(
+    options: argparse.Namespace, limits: SurveyLimits, printer: Printer
+) -> Report | None:
     """Survey until a signal, Ctrl-D or the end of the time; None if the word was not typed."""
-    stopping = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        loop.add_signal_handler(number, stopping.set)
-    word: asyncio.Future[str] = loop.create_future()
-    surveyor: Surveyor | None = None
-
-    def line(text: str) -> None:
-        if surveyor is not None:
-            surveyor.mark(text)
-        elif not word.done():
-            word.set_result(text)
-
-    def gone() -> None:
-        if not word.done():
-            word.set_result('')
-
-    terminal = Terminal(line, stopping.set, gone)
+    stopping = stopped_by_signals()
+    terminal = AtTerminal(printer, stopping, options.word)
 
     def listening(port: int) -> None:
         terminal.tell(
@@ -388,29 +295,20 @@ async def _survey(options: argparse.Namespace, limits: SurveyLimits) -> Report |
             'switch the kart off.'
         )
 
-    try:
-        if options.word:
-            word.set_result(options.word)
-        with terminal.reading():
-            if not word.done():
-                terminal.tell(SURVEY_FIRST)
-                terminal.show('>')
-                await first(word, stopping)
-            if not word.done() or word.result().lower() != WORD:
-                return None
-            if options.seconds is not None:
-                loop.call_later(options.seconds, stopping.set)
-            began = datetime.datetime.now().astimezone()
-            surveyor = surveying = Surveyor(terminal.tell, options.kart_address)
-            await surveyor.survey(
-                options.listen,
-                options.port,
-                stopping,
-                listening,
-                lambda: terminal.show(figures_now(surveying.karts)),
-            )
-    finally:
-        terminal.close()
+    with terminal.reading():
+        if not await terminal.confirm(SURVEY_CONDITIONS):
+            return None
+        if options.seconds is not None:
+            asyncio.get_running_loop().call_later(options.seconds, stopping.set)
+        began = datetime.datetime.now().astimezone()
+        surveyor = terminal.surveyor = Surveyor(terminal.tell, options.kart_address)
+        await surveyor.survey(
+            options.listen,
+            options.port,
+            stopping,
+            listening,
+            lambda: terminal.show(figures_now(surveyor.karts)),
+        )
     return Report(
         began=began,
         seconds=surveyor.now,
