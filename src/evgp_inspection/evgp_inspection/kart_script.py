@@ -46,7 +46,9 @@ IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN
 RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
 
-RANDOM_STOPS = ('red', 'flag', 'fin', 'flag_lost', 'silence', 'red', 'red', 'flag')
+RANDOM_STOPS = (
+    *('red', 'flag', 'lose:close', 'brake lose:close', 'silence:silent', 'red', 'red', 'flag'),
+)
 """The stops of the step `random`, whose order depends on the seed."""
 
 PIECES = {'bytes': single_bytes, 'many': many_in_a_piece, 'late': late_halves, 'slow': whole}
@@ -74,9 +76,13 @@ class Step(NamedTuple):
     done: str
     acts: tuple[str, ...]
 
+    @property
+    def drives(self) -> bool:
+        return any(act.startswith(DRIVING_ACTS) for act in self.acts)
+
 
 _TABLE = """
-connect | connect garage watch | Nothing is sent for a moment, then IN_GARAGE.
+connect | connect garage stay:watch | Nothing is sent for a moment, then IN_GARAGE.
 first | red | RED_RED is sent to a kart that stands.
 alone | garage green garage grid garage green | GREEN_GREEN is sent after IN_GARAGE: before any
     GRID_ACTIVE, then after an acknowledged one.
@@ -84,43 +90,44 @@ bytes | garage pieces | RED_RED is sent byte by byte.
 many | garage pieces | RED_RED is sent in pieces of five frames, cut inside a frame.
 late | garage pieces | RED_RED is sent in halves, 0.07 s apart.
 slow | garage pieces | RED_RED is sent 10 times a second.
-malformed | garage grid watch malformed | After an acknowledged GRID_ACTIVE, malformed frames that
-    look like GREEN_GREEN are sent between correct ones; then RED_RED.
+malformed | garage grid stay:watch malformed | After an acknowledged GRID_ACTIVE, malformed frames
+    that look like GREEN_GREEN are sent between correct ones; then RED_RED.
 again | garage grid red green garage | GRID_ACTIVE is acknowledged once more; then RED_RED is sent,
     then GREEN_GREEN.
 glued | garage glued | GRID_ACTIVE and GREEN_GREEN are sent in one piece.
 backlog | fast backlog | IN_GARAGE is sent 100 times a second, then 400 frames at once, then
     RED_RED.
-race | DRIVE flag dwell green red dwell garage dwell | A drive; RED_FLAG for some time,
-    GREEN_GREEN, RED_RED for some time, IN_GARAGE for some time.
-red | garage grid fast_drive red | A drive with 100 frames a second; RED_RED.
+race | DRIVE flag stay:dwell green red stay:dwell garage stay:dwell | A drive; RED_FLAG for some
+    time, GREEN_GREEN, RED_RED for some time, IN_GARAGE for some time.
+red | garage grid drive:drive:100 red | A drive with 100 frames a second; RED_RED.
 flag_red | DRIVE brake red | A drive; RED_RED while RED_FLAG brakes.
-flag_lost | DRIVE brake fin | A drive; the connection is closed while RED_FLAG brakes.
-flag_silence | DRIVE brake silence | A drive; nothing is sent for a while, while RED_FLAG brakes.
+flag_lost | DRIVE brake lose:close | A drive; the connection is closed while RED_FLAG brakes.
+flag_silence | DRIVE brake silence:silent | A drive; nothing is sent for a while, while RED_FLAG
+    brakes.
 flag_green | DRIVE brake green_again | A drive; GREEN_GREEN while RED_FLAG brakes.
-red_lost | DRIVE brake_hard fin | A drive; the connection is closed while RED_RED brakes.
-early | garage grid start red | RED_RED is sent 0.15 s after GREEN_GREEN.
-early_flag | garage grid start flag | RED_FLAG is sent 0.15 s after GREEN_GREEN.
-silence | DRIVE silence green | A drive; nothing is sent for a while, then GREEN_GREEN.
-noise | DRIVE noise | A drive; only malformed frames are sent.
-fin | DRIVE fin quiet green | A drive; the connection is closed (FIN). On the next one, nothing is
-    sent for a moment, then GREEN_GREEN, then RED_RED.
-reset | DRIVE reset green | A drive; the connection is reset (RST), then GREEN_GREEN.
-half | DRIVE half green | A drive; race control closes its half, then GREEN_GREEN.
+red_lost | DRIVE brake:RED_RED lose:close | A drive; the connection is closed while RED_RED brakes.
+early | garage grid start:0.15 red | RED_RED is sent 0.15 s after GREEN_GREEN.
+early_flag | garage grid start:0.15 flag | RED_FLAG is sent 0.15 s after GREEN_GREEN.
+silence | DRIVE silence:silent green | A drive; nothing is sent for a while, then GREEN_GREEN.
+noise | DRIVE silence:malformed | A drive; only malformed frames are sent.
+fin | DRIVE lose:close quiet green | A drive; the connection is closed (FIN). On the next one,
+    nothing is sent for a moment, then GREEN_GREEN, then RED_RED.
+reset | DRIVE lose:reset green | A drive; the connection is reset (RST), then GREEN_GREEN.
+half | DRIVE lose:half_close green | A drive; race control closes its half, then GREEN_GREEN.
 cut | DRIVE cut | A drive; a reset, and RED_RED on the next connection.
 rolling | DRIVE reset_to_garage | A drive; a reset, and IN_GARAGE on the next connection.
-grid | garage grid silence green | After an acknowledged GRID_ACTIVE, nothing is sent for a while,
-    then GREEN_GREEN.
+grid | garage grid silence:silent green | After an acknowledged GRID_ACTIVE, nothing is sent for a
+    while, then GREEN_GREEN.
 restart | DRIVE away back | A drive; race control goes away, refuses connections, comes back with
     GREEN_GREEN.
 random | at_random | Eight drives, stopped in every way at random times after GREEN_GREEN.
-long | garage grid long_drive red | A drive of a minute with 20 frames a second; RED_RED.
+long | garage grid drive:long:20 red | A drive of a minute with 20 frames a second; RED_RED.
 half_open | red half_open | Nothing is sent to a kart that stands.
 dwell | dwells garage grid close green | Each state is sent for some time to a kart that stands,
     and then its connection is closed; after GRID_ACTIVE, GREEN_GREEN follows.
-red_green | DRIVE brake_hard green_again garage | A drive; GREEN_GREEN while RED_RED brakes.
-bridge | DRIVE kill dwell | A drive; the program that is connected to race control is killed.
-stack | DRIVE kill dwell | A drive; the program that commands the motors is killed, and
+red_green | DRIVE brake:RED_RED green_again garage | A drive; GREEN_GREEN while RED_RED brakes.
+bridge | DRIVE kill stay:dwell | A drive; the program that is connected to race control is killed.
+stack | DRIVE kill stay:dwell | A drive; the program that commands the motors is killed, and
     GREEN_GREEN is sent for some time.
 """
 """The name, acts and description of each step. DRIVE replaces the acts that begin every drive.
@@ -138,7 +145,7 @@ def _steps() -> Iterator[tuple[str, Step]]:
 STEPS: Mapping[str, Step] = dict(_steps())
 """The steps of an inspection, in order."""
 
-DRIVING_ACTS = {'drive', 'fast_drive', 'long_drive', 'start', 'at_random'}
+DRIVING_ACTS = ('drive', 'start', 'at_random')
 
 RACE_STEPS = ('connect', 'race')
 """The steps of a race only."""
@@ -153,7 +160,8 @@ class KartScript:
     """
     Runs the steps in order.
 
-    An act is a method of this class. It returns False if the rest of its step makes no sense.
+    An act is a method of this class, with its arguments after colons. It returns False if the rest
+    of its step makes no sense.
 
     :param begin_step: called with the name of each step.
     :param wanted: the names of the steps to do.
@@ -198,7 +206,7 @@ class KartScript:
         try:
             for name, step in STEPS.items():
                 undone = name not in self._wanted and name != 'connect'
-                if undone or (self._hindrance and DRIVING_ACTS & {*step.acts}):
+                if undone or (self._hindrance and step.drives):
                     continue
                 if name in KILLING_STEPS and name not in self._kills:
                     continue
@@ -221,7 +229,8 @@ class KartScript:
         self._recording.note(Kind.STEP, text=before + name)
         moves = self._oracle.moves
         for act in acts:
-            done = await getattr(self, f'_{act}')()
+            method, *arguments = act.split(':')
+            done = await getattr(self, f'_{method}')(*arguments)
             if done is False or self._oracle.moves > moves:
                 break
         if not self._speechless and name != 'connect':
@@ -233,9 +242,8 @@ class KartScript:
         first, last = 0.1, 2.0  # s from GREEN_GREEN to the stop
         part = (last - first) / len(stops)
         for place, stop in enumerate(stops):
-            self._delay = first + part * (place + self._chance.random())
-            acts = ('brake', 'fin') if stop == 'flag_lost' else (stop,)
-            yield ('garage', 'grid', 'start_at_random', *acts)
+            delay = first + part * (place + self._chance.random())
+            yield ('garage', 'grid', f'start:{delay}', *stop.split())
 
     # ----- what the acts are made of --------------------------------------------------------
 
@@ -246,9 +254,9 @@ class KartScript:
         """Let time pass while everything is recorded."""
         await self._until(lambda: None, seconds)
 
-    async def _stay(self, seconds: float) -> bool:
+    async def _stay(self, limit: str, least: float = 0.0) -> bool:
         """Watch a kart that must not drive and ask the inspector; return False once it drives."""
-        moves = self._oracle.moves
+        moves, seconds = self._oracle.moves, max(getattr(self._limits, limit), least)
         if await self._until(lambda: self._oracle.moves > moves, seconds):
             return False
         await self._ask(STANDS)
@@ -331,18 +339,12 @@ class KartScript:
         # After that, no report can answer an earlier order (docs/wire.md).
         await self._until(lambda: self._trace.reached, QUIET + self._limits.red_red)
 
-    async def _watch(self) -> bool:
-        return await self._stay(self._limits.watch)
-
-    async def _dwell(self) -> bool:
-        return await self._stay(self._limits.dwell)
-
     async def _green(self) -> bool:
         """Send a GREEN_GREEN that the kart must not obey."""
         if not await self._connected():
             return False
         self._wire.order(GREEN_GREEN)
-        return await self._stay(self._limits.watch)
+        return await self._stay('watch')
 
     async def _green_again(self) -> bool:
         """Send GREEN_GREEN to a braking kart, which must continue to brake."""
@@ -361,11 +363,11 @@ class KartScript:
     async def _malformed(self) -> bool:
         self._recording.note(Kind.STEP, text=self._step)
         self._wire.order(GRID_ACTIVE, between)
-        return await self._stay(max(self._limits.watch, len(MALFORMED) / BEAT_RATE))
+        return await self._stay('watch', len(MALFORMED) / BEAT_RATE)
 
     async def _glued(self) -> bool:
         self._wire.order(GREEN_GREEN, lambda state: after(encode(GRID_ACTIVE), state))
-        return await self._stay(self._limits.watch)
+        return await self._stay('watch')
 
     async def _fast(self) -> None:
         self._wire.order(IN_GARAGE, rate=100.0)
@@ -380,14 +382,14 @@ class KartScript:
             raise not_stopped(self._hindrance)
 
     async def _half_open(self) -> None:
-        self._wire.fall_silent()
+        self._fall_silent('silent')
         newest = self._wire.newest
         await self._until(lambda: self._wire.newest > newest, self._limits.reconnect)
 
     async def _dwells(self) -> bool:
         for state in (RED_RED, IN_GARAGE, GRID_ACTIVE, RED_FLAG):
             self._wire.order(state)
-            if not (await self._dwell() and await self._close()):
+            if not (await self._stay('dwell') and await self._close()):
                 return False
         return True
 
@@ -406,11 +408,17 @@ class KartScript:
             self._hindrance = 'The kart has not acknowledged GRID_ACTIVE.'
         return ready
 
-    async def _drive(self, seconds: float = 0.0, rate: float = BEAT_RATE) -> bool:
-        """Make the kart drive for this time, or for the limit `drive`; return whether it does."""
+    async def _drive(self, limit: str = 'drive', rate: str = f'{BEAT_RATE}') -> bool:
+        """
+        Make the kart drive; return whether it does.
+
+        :param limit: the name of the limit for how long.
+        :param rate: frames per second. A kart that reads too slowly while it drives is late by
+            the time of the stop.
+        """
         limits = self._limits
         await self._announce()
-        self._wire.order(GREEN_GREEN, rate=rate)
+        self._wire.order(GREEN_GREEN, rate=float(rate))
         began = self._recording.now
         if not await self._acknowledged(GREEN_GREEN, limits.green):
             self._hindrance = 'The kart has not acknowledged GREEN_GREEN.'
@@ -419,23 +427,13 @@ class KartScript:
             await self._until(lambda: self._oracle.still == 0, left)
         if self._step == 'race':
             await self._ask(TURNS)
-        await self._pass(seconds or limits.drive)
+        await self._pass(getattr(limits, limit))
         return not self._hindrance or self._oracle.still == 0
 
-    async def _fast_drive(self) -> bool:
-        # A kart that reads too slowly while it drives is late by the time of the stop.
-        return await self._drive(rate=100.0)
-
-    async def _long_drive(self) -> bool:
-        return await self._drive(self._limits.long, rate=20.0)
-
-    async def _start(self, seconds: float = 0.15) -> None:
+    async def _start(self, seconds: str) -> None:
         await self._announce()
         self._wire.order(GREEN_GREEN)
-        await self._pass(seconds)
-
-    async def _start_at_random(self) -> None:
-        await self._start(self._delay)
+        await self._pass(float(seconds))
 
     async def _red(self) -> None:
         await self._stop()
@@ -449,9 +447,9 @@ class KartScript:
         await self._ask(STANDS)
         return said
 
-    async def _brake(self, state: RaceState = RED_FLAG) -> None:
+    async def _brake(self, state: str = 'RED_FLAG') -> None:
         """Let a red slow the kart to 80 % of its speed, for at most 1 s, or 0.3 s if unseen."""
-        self._wire.order(state)
+        self._wire.order(RaceState(state))
 
         def slower() -> bool:
             spell = self._oracle.spell
@@ -461,37 +459,27 @@ class KartScript:
 
         await self._until(slower, 1.0 if self._seen else 1 / 3)
 
-    async def _brake_hard(self) -> None:
-        await self._brake(RED_RED)
+    async def _lose(self, how: str) -> bool:
+        """
+        Make the kart lose race control and wait until it stands and has reconnected.
 
-    async def _lose(self, lose: Callable[[], object]) -> bool:
-        """Make the kart lose race control and wait until it stands and has reconnected."""
+        :param how: the method of the wire: close, reset or half_close.
+        """
         newest = self._wire.newest
         self._wire.send(NOTHING)  # not even on a new connection
-        lose()
+        getattr(self._wire, how)()
         stands = await self._see_it_stand(self._limits.red_red)
         back = await self._until(lambda: self._wire.newest > newest, self._limits.reconnect)
         return stands and back
 
-    async def _fin(self) -> bool:
-        return await self._lose(self._wire.close)
+    def _fall_silent(self, how: str) -> None:
+        """Send nothing from now on (`silent`), or only malformed bytes (`malformed`)."""
+        self._recording.note(Kind.SILENT, text=how)
+        self._wire.send(NOTHING if how == 'silent' else between())
 
-    async def _reset(self) -> bool:
-        return await self._lose(self._wire.reset)
-
-    async def _half(self) -> bool:
-        return await self._lose(self._wire.half_close)
-
-    async def _silence(self) -> bool:
-        self._wire.fall_silent()
-        return await self._silently()
-
-    async def _noise(self) -> bool:
-        self._wire.babble()
-        return await self._silently()
-
-    async def _silently(self) -> bool:
+    async def _silence(self, how: str) -> bool:
         limits, began = self._limits, self._recording.now
+        self._fall_silent(how)
         stands = await self._see_it_stand(limits.silence + limits.red_red)
         # Even if nobody looks, the silence must last long enough to be noticed.
         await self._pass(max(began + limits.silence + limits.slack - self._recording.now, 0.0))
@@ -509,7 +497,7 @@ class KartScript:
     async def _away(self) -> bool:
         self._wire.go_away()
         stands = await self._see_it_stand(self._limits.red_red)
-        return await self._stay(self._limits.away) and stands
+        return await self._stay('away') and stands
 
     async def _back(self) -> bool:
         self._wire.order(GREEN_GREEN)

@@ -100,6 +100,7 @@ class KartWire:
     :param tell: called with sentences for the inspector.
     :param kart_address: the only IPv4 address that counts as the kart; if empty, that of the first
         connection.
+    :ivar newest: the number of the newest connection; 0 if there was none.
     """
 
     def __init__(
@@ -112,7 +113,7 @@ class KartWire:
         self._host = ''
         self._server: asyncio.Server | None = None
         self._links: list[Link] = []
-        self._count = 0
+        self.newest = 0
         self._beats = NOTHING
         self._greeting = b''
         self._period = 1 / BEAT_RATE
@@ -140,11 +141,6 @@ class KartWire:
         """Return whether something can be sent to the kart."""
         return any(link.open and not link.mute for link in self._links)
 
-    @property
-    def newest(self) -> int:
-        """Return the number of the newest connection; 0 if there was none."""
-        return self._count
-
     def order(
         self,
         state: RaceState,
@@ -163,20 +159,10 @@ class KartWire:
         self._beats, self._period, self._greeting = beats, 1 / rate, greeting
         self._changed.set()
 
-    def fall_silent(self) -> None:
-        """Send nothing from now on."""
-        self.send(NOTHING)
-        self._recording.note(Kind.SILENT, text='silent')
-
     def send_now(self, data: bytes) -> None:
         """Send bytes immediately, independently of the beat."""
         for link in self._links:
             link.write(data)
-
-    def babble(self) -> None:
-        """Send only malformed bytes from now on."""
-        self._recording.note(Kind.SILENT, text='malformed')
-        self.send(between())
 
     def close(self, how: str = 'closed') -> None:
         """End every connection normally (FIN)."""
@@ -257,22 +243,19 @@ class KartWire:
 
     def _opened(self, link: Link) -> None:
         """Accept a new connection, or refuse it if it is not the kart's."""
-        if self._server is None:  # it arrived while race control was going away
-            link.open = False
-            link.transport.abort()
-            return
         address = link.transport.get_extra_info('peername', ('?',))[0]
-        if not self.kart_address:
+        if self._server is not None and not self.kart_address:
             self.kart_address = address
-        if address != self.kart_address:
-            if address not in self._refused:
+        # It may also have arrived while race control was going away.
+        if self._server is None or address != self.kart_address:
+            if self._server is not None and address not in self._refused:
                 self._refused.add(address)
                 self._tell(f'Refused a connection from {address}, which is not the kart.')
             link.open = False
             link.transport.abort()
             return
-        self._count += 1
-        link.number = self._count
+        self.newest += 1
+        link.number = self.newest
         self._links = [*(each for each in self._links if each.open), link]
         self._recording.note(Kind.OPENED, link.number, text=address)
         if self._greeting:

@@ -93,17 +93,15 @@ class LinkSurvey:
     def __init__(self) -> None:
         self.seconds: list[Second] = []
         self.losses: list[tuple[float, str]] = []
-        self._connected = False
-        self._time_connected = 0.0
+        self._opened_at: float | None = None  # None while it is not connected
+        self._time_on = 0.0  # of earlier connections
         self._trips: list[float] = []
         self._since: float | None = None  # when the kart last answered
-        self._counted_to = 0.0
         self._now = Second()  # the present second
 
     def opened(self, now: float) -> None:
         """Record a new connection, which does not end a silence."""
-        self._pass_time(now)
-        self._connected = True
+        self._opened_at = now
         if self._since is None:
             self._since = now
 
@@ -114,8 +112,9 @@ class LinkSurvey:
         :param never_answered: the ages of unanswered frames, whose round trips would have been at
             least as long.
         """
-        self._pass_time(now)
-        self._connected = False
+        if self._opened_at is not None:
+            self._time_on += now - self._opened_at
+        self._opened_at = None
         self.losses.append((now, why))
         self._trips += never_answered
         self._now.worst = max(self._now.worst, 0.0, *never_answered)
@@ -140,16 +139,11 @@ class LinkSurvey:
         :param age: the age of the oldest unanswered frame.
         """
         self._silent(now)
-        self._pass_time(now)
         found, self._now = self._now, Second()
-        found.at, found.worst, found.connected = now, max(found.worst, age), self._connected
+        found.at, found.worst = now, max(found.worst, age)
+        found.connected = self._opened_at is not None
         self.seconds.append(found)
         return found
-
-    def _pass_time(self, now: float) -> None:
-        if self._connected:
-            self._time_connected += now - self._counted_to
-        self._counted_to = now
 
     def _silent(self, now: float) -> None:
         """Record how long the kart has been silent up to now."""
@@ -179,14 +173,8 @@ class LinkSurvey:
     @property
     def worst_minute(self) -> int:
         """Return the number of retransmitted segments in the worst minute."""
-        worst = total = first = 0
-        for each in self.seconds:
-            total += each.retransmitted
-            while self.seconds[first].at <= each.at - 60.0:
-                total -= self.seconds[first].retransmitted
-                first += 1
-            worst = max(worst, total)
-        return worst
+        resent = [each.retransmitted for each in self.seconds]
+        return max((sum(resent[at : at + 60]) for at in range(len(resent))), default=0)
 
     def figures(self, limits: SurveyLimits, held_up: float = 0.0) -> list[Figure]:
         """
@@ -210,7 +198,9 @@ class LinkSurvey:
                 verdict = Verdict.FAIL
             return Figure(name, value, limit, unit, verdict)
 
-        on = self._time_connected
+        on = self._time_on
+        if self._opened_at is not None and self.seconds:
+            on += max(self.seconds[-1].at - self._opened_at, 0.0)
         silence = max(each.silence for each in (*self.seconds, self._now))
         enough = Verdict.PASS if on >= limits.shortest else Verdict.NOT_JUDGED
         return [

@@ -210,55 +210,42 @@ def printable(data: bytes, most: int = 80) -> str:
 
 def describe(events: Sequence[Event], most: int = 60) -> list[str]:
     """
-    Return events as lines for people, in which repeated bytes share one line.
+    Return events as lines for people, in which repeated bytes, and half a second's odometry, share
+    one line.
 
     :param most: maximum number of lines. If there are more, those in the middle are left out.
     """
-    lines: list[tuple[str, float, float, int]] = []  # what, first time, last time, how often
-    speeds: list[Event] = []
-    at_line: dict[tuple[Kind, int], int] = {}
+    lines: list[tuple[str, list[Event]]] = []
+    newest: dict[tuple[Kind, int], list[Event]] = {}  # the events of each stream's newest line
 
-    def put(what: str, at: float, stream: tuple[Kind, int] | None = None) -> None:
-        index = at_line.get(stream) if stream is not None else None
-        if index is not None and lines[index][0] == what:
-            what, first, _, times = lines[index]
-            lines[index] = (what, first, at, times + 1)
-            return
-        lines.append((what, at, at, 1))
-        if stream is not None:
-            at_line[stream] = len(lines) - 1
-
-    def put_speeds() -> None:
-        if speeds:
-            low, high = min(each.value for each in speeds), max(each.value for each in speeds)
-            span = f'{low:.2f}' if low == high else f'{low:.2f} to {high:.2f}'
-            lines.append((f'odometry {span} m/s', speeds[0].at, speeds[-1].at, len(speeds)))
-            speeds.clear()
+    def is_like(event: Event, first: Event) -> bool:
+        if event.kind is Kind.SPEED:
+            return event.at - first.at < 0.5
+        return event.data == first.data
 
     for event in events:
-        if event.kind is Kind.SPEED:
-            speeds.append(event)
-            if event.at - speeds[0].at >= 0.5:
-                put_speeds()
-        elif event.kind in (Kind.SENT, Kind.SAID):
-            who = 'sent' if event.kind is Kind.SENT else 'heard'
-            what = f'connection {event.link}: {who} {printable(event.data)}'
-            put(what, event.at, (event.kind, event.link))
-        else:
-            put_speeds()
-            at_line.clear()
-            yes = {1.0: 'yes', 0.0: 'no'}.get(event.value, 'no answer')
-            put(_DESCRIBED[event.kind].format(event, yes), event.at)
-    put_speeds()
-    lines.sort(key=lambda line: line[1])
-    if len(lines) > most:
-        left = len(lines) - most
+        stream = event.kind, event.link
+        if event.kind not in (Kind.SPEED, Kind.SENT, Kind.SAID):
+            newest.clear()
+        elif stream in newest and is_like(event, newest[stream][0]):
+            newest[stream].append(event)
+            continue
+        newest[stream] = [event]
+        yes = {1.0: 'yes', 0.0: 'no'}.get(event.value, 'no answer')
+        what = _DESCRIBED[event.kind].format(event, yes, printable(event.data))
+        lines.append((what, newest[stream]))
+    described = []
+    for what, same in lines:
+        first, last = same[0], same[-1]
+        if first.kind is Kind.SPEED:
+            low, high = min(each.value for each in same), max(each.value for each in same)
+            what += f'{low:.2f} m/s' if low == high else f'{low:.2f} to {high:.2f} m/s'
+        times = f' to {last.at:.3f} {what} ({len(same)} times)' if len(same) > 1 else f' {what}'
+        described.append(f'{first.at:8.3f}{times}')
+    if len(described) > most:
         half = most // 2
-        lines[half:-half] = [(f'… {left} more', lines[half][1], lines[-half - 1][2], 1)]
-    return [
-        f'{first:8.3f}' + (f' to {last:.3f} {what} ({times} times)' if times > 1 else f' {what}')
-        for what, first, last, times in lines
-    ]
+        described[half:-half] = [f'         … {len(described) - most} more']
+    return described
 
 
 _DESCRIBED = {
@@ -266,6 +253,9 @@ _DESCRIBED = {
     Kind.OPENED: 'connection {0.link}: opened from {0.text}',
     Kind.CLOSED: 'connection {0.link}: {0.text} by the other end',
     Kind.ENDED: 'connection {0.link}: {0.text} by the inspection',
+    Kind.SENT: 'connection {0.link}: sent {2}',
+    Kind.SAID: 'connection {0.link}: heard {2}',
+    Kind.SPEED: 'odometry ',
     Kind.ANSWER: 'inspector, {0.text}: {1}',
     Kind.HELD_UP: 'the inspecting computer hung for {0.value:.2f} s',
     Kind.UNANSWERED: 'connection {0.link}: TCP has not acknowledged {0.value:.0f} bytes',
