@@ -187,16 +187,20 @@ def free_udp_port() -> int:
         return int(found.getsockname()[1])
 
 
-def inspect_client(folder: pathlib.Path, *words: str) -> tuple[dict[str, Any], int]:
-    """Inspect the client of the document, and return the report and the exit code."""
+def start_client(port: int, udp: int, folder: pathlib.Path | None = None) -> Program:
+    return Program('client', [sys.executable, '-c', client_of_the_document(port, udp)])
 
-    def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
+
+def inspect_it(
+    start: Callable[[int, int, pathlib.Path], Program], folder: pathlib.Path, *words: str
+) -> tuple[dict[str, Any], int]:
+    """Inspect a kart without ROS, and return the report and the exit code."""
+
+    def inspect(again: pathlib.Path, parts: contextlib.ExitStack) -> int:
         udp = free_udp_port()
         words_and_odometry = [*words, '--odometry', f'udp:{udp}', *UNATTENDED]
-        program = parts.enter_context(inspection(folder, *words_and_odometry))
-        client = client_of_the_document(port_of(program), udp)
-        kart = Program('client', [sys.executable, '-c', client])
-        parts.callback(kart.kill)
+        program = parts.enter_context(inspection(again, *words_and_odometry))
+        parts.callback(start(port_of(program), udp, folder).kill)
         return wait_to_end(program)
 
     report, code = undisturbed(folder, inspect)
@@ -204,27 +208,17 @@ def inspect_client(folder: pathlib.Path, *words: str) -> tuple[dict[str, Any], i
     return report, code
 
 
-@pytest.mark.early
-@pytest.mark.timeout(400)
-def test_the_client_of_the_document_passes_every_clause_but_that_nobody_kills_it(
-    tmp_path: pathlib.Path,
-) -> None:
-    report, code = inspect_client(tmp_path)
-    assert set(those(report, 'not judged')) == KILLED
-    assert (report['verdict'], code) == ('not judged', 2)
-
-
 def test_a_race_only_is_passed_by_the_client_of_the_document_and_says_that_it_is_no_inspection(
     tmp_path: pathlib.Path,
 ) -> None:
-    report, code = inspect_client(tmp_path, '--race')
+    report, code = inspect_it(start_client, tmp_path, '--race')
     assert those(report, 'not judged') == {}
     assert (report['verdict'], code) == ('pass', 0)
     assert 'not an inspection' in ' '.join(report['remarks'])
 
 
-def example_of_the_c_kit(folder: pathlib.Path, udp: int) -> pathlib.Path:
-    """Compile kit/c's example for POSIX, with its speed sent as odometry."""
+def start_c_kit(port: int, udp: int, folder: pathlib.Path) -> Program:
+    """Compile and start kit/c's example for POSIX, with its speed sent as odometry."""
     compiler = next(filter(None, map(shutil.which, ('gcc', 'clang'))), None)
     if compiler is None:
         cannot_run('there is neither gcc nor clang')
@@ -253,25 +247,16 @@ def example_of_the_c_kit(folder: pathlib.Path, udp: int) -> pathlib.Path:
     program = folder / 'posix'
     command = [compiler, '-std=c99', '-Wall', '-Werror', f'-I{ROOT / "kit/c"}', str(source)]
     subprocess.run([*command, '-o', str(program)], check=True)
-    return program
+    return Program('posix', [str(program), '127.0.0.1', f'{port}', address_of(1)])
 
 
 @pytest.mark.early
 @pytest.mark.timeout(400)
-def test_the_example_of_the_c_kit_passes_every_clause_but_that_nobody_kills_it(
-    tmp_path: pathlib.Path,
+@pytest.mark.parametrize('start', [start_client, start_c_kit])
+def test_a_kart_without_ros_passes_every_clause_but_that_nobody_kills_it(
+    start: Callable[[int, int, pathlib.Path], Program], tmp_path: pathlib.Path
 ) -> None:
-    udp = free_udp_port()
-    kart = example_of_the_c_kit(tmp_path, udp)
-
-    def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
-        program = parts.enter_context(inspection(folder, '--odometry', f'udp:{udp}', *UNATTENDED))
-        port = str(port_of(program))
-        parts.enter_context(Program('posix', [str(kart), '127.0.0.1', port, address_of(1)]))
-        return wait_to_end(program)
-
-    report, code = undisturbed(tmp_path, inspect)
-    assert those(report, 'fail') == {}
+    report, code = inspect_it(start, tmp_path)
     assert set(those(report, 'not judged')) == KILLED
     assert (report['verdict'], code) == ('not judged', 2)
 
@@ -300,13 +285,6 @@ def at_terminal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Callable
     return start
 
 
-def start_client(parts: contextlib.ExitStack, terminal: Terminal) -> None:
-    port = int(terminal.wait_for(r'on port (\d+)')[1])
-    client = client_of_the_document(port, free_udp_port())
-    kart = Program('client', [sys.executable, '-c', client])
-    parts.callback(kart.kill)
-
-
 def test_nothing_listens_before_the_inspector_has_typed_the_word(
     at_terminal: Callable[..., Inspector],
 ) -> None:
@@ -322,7 +300,8 @@ def test_an_inspector_who_sees_the_wheels_turn_after_a_stop_fails_the_kart(
 ) -> None:
     terminal = at_terminal('--only', 'K-3A-10', '--inspector', 'Ada <&>', '--number', '7')
     terminal.press('ready\n')
-    start_client(parts, terminal)
+    port = int(terminal.wait_for(r'on port (\d+)')[1])
+    parts.callback(start_client(port, free_udp_port()).kill)
     terminal.answer = 'n'
     assert terminal.end() == 2
     report = report_in(tmp_path)
@@ -357,13 +336,25 @@ def test_the_space_bar_stops_the_kart_and_ends_the_inspection(
 ) -> None:
     terminal = at_terminal('--only', 'K-3A-05', '--drive', '60')
     terminal.press('ready\n')
-    start_client(parts, terminal)
+    port = int(terminal.wait_for(r'on port (\d+)')[1])
+    parts.callback(start_client(port, free_udp_port()).kill)
     terminal.wait_for('DRIVES NOW')
     began = time.monotonic()
     terminal.press(' ')
     terminal.wait_for('the kart reports a standstill')
     assert terminal.end() == 2
     assert time.monotonic() - began < PATIENCE
+
+
+def test_an_inspection_whose_terminal_is_closed_leaves_its_report(
+    at_terminal: Callable[..., Inspector], tmp_path: pathlib.Path
+) -> None:
+    terminal = at_terminal()
+    terminal.press('ready\n')
+    terminal.wait_for('on port')
+    terminal.hang_up()
+    assert terminal.process.wait(PATIENCE) == Exit.NOT_PASSED
+    assert 'stopped' in ' '.join(report_in(tmp_path)['remarks'])
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ import contextlib
 import dataclasses
 import datetime
 import functools
-import pathlib
 import random
 import sys
 
@@ -22,7 +21,6 @@ from evgp_inspection.inspector import (
     AtTerminal,
     CONDITIONS,
     Inspector,
-    Printer,
     stopped_by_signals,
     Unattended,
     WORD,
@@ -31,7 +29,7 @@ from evgp_inspection.kart_script import Kill, KILL_PART, KILLING_STEPS, RACE_STE
 from evgp_inspection.kart_sentences import BY_STATEMENT, KART
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import listen
-from evgp_inspection.report import as_html, as_json, write_files
+from evgp_inspection.report import as_html, as_json, deliver
 from evgp_inspection.survey_network import survey_network
 from evgp_inspection.verdicts import Clause, Exit, Inspection, results_of, select
 from evgp_protocol.frames import DEFAULT_PORT
@@ -152,15 +150,12 @@ def _kills(options: argparse.Namespace, inspector: Inspector, limits: Limits) ->
 
 def _inspect(options: argparse.Namespace, limits: Limits, clauses: Sequence[Clause]) -> int:
     """Inspect the kart and write the report; return the exit code."""
-    printer = Printer()
     began = datetime.datetime.now().astimezone()
     try:
-        inspection = asyncio.run(_with_the_word(options, printer, limits, clauses))
+        inspection = asyncio.run(_with_the_word(options, limits, clauses))
     except (OSError, OverflowError, ValueError, ImportError) as error:
         print(f'The inspection cannot start: {error}', file=sys.stderr)
         return Exit.NOT_PASSED
-    finally:
-        printer.close()
     inspection.subject = f'kart {options.number}' if options.number else 'kart'
     inspection.team = options.team
     inspection.inspector = '' if options.unattended else options.inspector
@@ -170,30 +165,29 @@ def _inspect(options: argparse.Namespace, limits: Limits, clauses: Sequence[Clau
         *['This was only a race, not an inspection.'] * options.race,
         *[f'This was only a part of an inspection: {options.only}.'] * bool(options.only),
     ]
-    print(f'\n{inspection.subject} {inspection.team}'.rstrip())
-    for remark in inspection.remarks:
-        print(remark)
-    for statement in BY_STATEMENT:
-        print(f'The team states, and the inspector ticks by hand: {statement}')
-    print(inspection.summary())
-    if options.report:
-        name = inspection.subject.replace(' ', '-')
-        texts = {'html': as_html(inspection), 'json': as_json(inspection)}
-        write_files(pathlib.Path(options.report), name, began, texts)
+    lines = [
+        f'\n{inspection.subject} {inspection.team}'.rstrip(),
+        *inspection.remarks,
+        *(f'The team states, and the inspector ticks by hand: {each}' for each in BY_STATEMENT),
+        inspection.summary(),
+    ]
+    files = {'html': as_html(inspection), 'json': as_json(inspection)}
+    name = inspection.subject.replace(' ', '-')
+    deliver('\n'.join(lines), options.report, name, began, files)
     return inspection.exit_code
 
 
 async def _with_the_word(
-    options: argparse.Namespace, printer: Printer, limits: Limits, clauses: Sequence[Clause]
+    options: argparse.Namespace, limits: Limits, clauses: Sequence[Clause]
 ) -> Inspection:
     """Inspect once the inspector has typed the word; a signal ends the inspection."""
     stopping = stopped_by_signals()
     with contextlib.ExitStack() as stack:
-        inspector: Inspector = Unattended(printer.tell)
-        if not options.unattended:
-            inspector = terminal = AtTerminal(printer, stopping)
-            stack.enter_context(terminal.reading())
-            if not await terminal.confirm(CONDITIONS):
+        inspector = Unattended() if options.unattended else AtTerminal(stopping)
+        stack.enter_context(contextlib.closing(inspector))
+        if isinstance(inspector, AtTerminal):
+            stack.enter_context(inspector.reading())
+            if not await inspector.confirm(CONDITIONS):
                 remarks = ['Not started.']
                 return Inspection(results_of({}, clauses, limits, remarks), limits, 0.0, remarks)
         return await inspect(

@@ -56,21 +56,17 @@ async def inspect(
     def tell(name: str, found: Finding) -> None:
         inspector.tell(f'{found.at:6.1f}  FAIL  {name}  {found.why}')
 
-    def tell_step(step: str) -> None:
-        inspector.tell(f'{recording.now:6.1f}  {step}: {STEPS[step].done}')
-
     recording = Recording(limits, tell)
     wire = KartWire(recording, inspector.tell, kart_address)
     wanted = steps or {step for clause in clauses for step in clause.steps or STEPS}
-    seen = odometry is not None
-    script = KartScript(recording, wire, inspector, limits, tell_step, wanted, seen, kills)
+    script = KartScript(recording, wire, inspector, limits, odometry is not None, kills)
     end_odometry = None
     if odometry is not None:
         end_odometry = await odometry(lambda speed: recording.note(Kind.SPEED, value=speed))
     try:
         await wire.listen(host, port)
         listening(wire.port)
-        finished, remarks = await _until_stopped(script.run(), stopping)
+        finished, remarks = await _until_stopped(script.run(wanted), stopping)
     finally:
         await wire.shut_down()
         if end_odometry is not None:

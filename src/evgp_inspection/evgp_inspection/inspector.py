@@ -45,20 +45,6 @@ class Inspector(Protocol):
         """Return the answer; None if there is none within this time, in seconds."""
 
 
-class Unattended:
-    """
-    The inspector of an unattended inspection, who sees nothing.
-
-    :param tell: prints a line.
-    """
-
-    def __init__(self, tell: Callable[[str], None]) -> None:
-        self.tell = tell
-
-    async def ask(self, question: str, seconds: float) -> bool | None:
-        return None
-
-
 class Printer:
     """Prints lines in a thread."""
 
@@ -83,7 +69,14 @@ class Printer:
                 sys.stdout.flush()
 
 
-class Terminal:
+class Unattended(Printer):
+    """The inspector of an unattended inspection, who sees nothing."""
+
+    async def ask(self, question: str, seconds: float) -> bool | None:
+        return None
+
+
+class Terminal(Printer):
     """
     Shows lines and, below them, a status with the typed text.
 
@@ -93,8 +86,8 @@ class Terminal:
     :param word: the word, if it was given in another way.
     """
 
-    def __init__(self, printer: Printer, stopping: asyncio.Event, word: str = '') -> None:
-        self._printer = printer
+    def __init__(self, stopping: asyncio.Event, word: str = '') -> None:
+        super().__init__()
         self._stopping = stopping
         self._decode = codecs.getincrementaldecoder('utf-8')('replace').decode
         self._typed = self._status = ''
@@ -105,7 +98,7 @@ class Terminal:
 
     def tell(self, line: str, end: str = '\n') -> None:
         """Print a permanent line."""
-        self._printer.tell(f'\r\x1b[J{line}' if self._live and self._status else line, end)
+        super().tell(f'\r\x1b[J{line}' if self._live and self._status else line, end)
         self._show()
 
     def show(self, status: str) -> None:
@@ -114,13 +107,13 @@ class Terminal:
         if self._live:
             self._show()
         else:
-            self._printer.tell(status)
+            super().tell(status)
 
     def _show(self) -> None:
         if self._live and self._status:
             width = shutil.get_terminal_size().columns - 1
             typed = f'  {self._typed}'[-width:]
-            self._printer.tell(f'\r\x1b[J{self._status[: width - len(typed)]}{typed}', end='')
+            super().tell(f'\r\x1b[J{self._status[: width - len(typed)]}{typed}', end='')
 
     @contextlib.contextmanager
     def reading(self) -> Iterator[None]:
@@ -138,7 +131,8 @@ class Terminal:
         finally:
             loop.remove_reader(0)
             if before is not None:
-                termios.tcsetattr(0, termios.TCSADRAIN, before)
+                with contextlib.suppress(termios.error):  # the terminal is gone
+                    termios.tcsetattr(0, termios.TCSADRAIN, before)
             self._status = ''
             self.tell('')
 

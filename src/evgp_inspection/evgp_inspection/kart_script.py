@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
+import dataclasses
 import math
 import random
 from typing import NamedTuple, TypeAlias
@@ -156,6 +157,7 @@ def not_stopped(why: str) -> EndedError:
     return EndedError(f'{why} The inspection ended there. Use the MSR.')
 
 
+@dataclasses.dataclass
 class KartScript:
     """
     Runs the steps in order.
@@ -163,59 +165,45 @@ class KartScript:
     An act is a method of this class, with its arguments after colons. It returns False if the rest
     of its step makes no sense.
 
-    :param begin_step: called with the name of each step.
-    :param wanted: the names of the steps to do.
-    :param seen: whether odometry is expected.
-    :param kills: functions that kill parts of the kart's program, by the names of
+    :ivar seen: whether odometry is expected.
+    :ivar kills: functions that kill parts of the kart's program, by the names of
         `KILLING_STEPS`; a step without a function is skipped.
     """
 
-    def __init__(
-        self,
-        recording: Recording,
-        wire: KartWire,
-        inspector: Inspector,
-        limits: Limits,
-        begin_step: Callable[[str], None],
-        wanted: Collection[str],
-        seen: bool,
-        kills: Mapping[str, Kill],
-    ) -> None:
-        self._hindrance = ''
-        self._recording = recording
-        self._oracle = recording.oracle
-        self._trace = recording.trace
-        self._wire = wire
-        self._inspector = inspector
-        self._limits = limits
-        self._begin_step = begin_step
-        self._wanted = wanted
-        self._seen = seen
-        self._kills = kills
-        self._step = ''
-        self._chance = random.Random(limits.seed)  # noqa: S311 - no secret
-        self._speechless = False  # the program that acknowledges was killed
+    recording: Recording
+    wire: KartWire
+    inspector: Inspector
+    limits: Limits
+    seen: bool
+    kills: Mapping[str, Kill]
+    _step: str = ''
+    _hindrance: str = ''  # why the kart is not made to drive any more
+    _speechless: bool = False  # the program that acknowledges was killed
 
-    async def run(self) -> str:
+    def __post_init__(self) -> None:
+        self._oracle, self._trace = self.recording.oracle, self.recording.trace
+
+    async def run(self, wanted: Collection[str]) -> str:
         """
         Run the steps, then stop the kart.
 
+        :param wanted: the names of the steps to do; `connect` is always done.
         :return: a sentence that says why the kart was not made to drive; empty if it was.
         :raises EndedError: if the kart did not connect or did not stop.
         """
         try:
             for name, step in STEPS.items():
-                undone = name not in self._wanted and name != 'connect'
+                undone = name not in wanted and name != 'connect'
                 if undone or (self._hindrance and step.drives):
                     continue
-                if name in KILLING_STEPS and name not in self._kills:
+                if name in KILLING_STEPS and name not in self.kills:
                     continue
-                self._begin_step(name)
+                self.inspector.tell(f'{self.recording.now:6.1f}  {name}: {step.done}')
                 random_step = step.acts == ('at_random',)
                 for acts in self._at_random() if random_step else [step.acts]:
                     await self._do(name, acts)
         except asyncio.CancelledError:
-            self._inspector.tell('\a  !  STOPPED. Sending RED_RED to the kart.')
+            self.inspector.tell('\a  !  STOPPED. Sending RED_RED to the kart.')
             raise
         finally:
             await self._end()
@@ -226,7 +214,7 @@ class KartScript:
         self._step = name
         # The step's name tells the oracle how frames are sent, but at first they go out as usual.
         before = 'before ' if {'pieces', 'malformed', 'backlog'} & {*acts} else ''
-        self._recording.note(Kind.STEP, text=before + name)
+        self.recording.note(Kind.STEP, text=before + name)
         moves = self._oracle.moves
         for act in acts:
             method, *arguments = act.split(':')
@@ -238,17 +226,18 @@ class KartScript:
 
     def _at_random(self) -> Iterator[tuple[str, ...]]:
         """Yield the acts of the step `random`, one stop in each part of the range of times."""
-        stops = self._chance.sample(RANDOM_STOPS, len(RANDOM_STOPS))
+        chance = random.Random(self.limits.seed)  # noqa: S311 - no secret
+        stops = chance.sample(RANDOM_STOPS, len(RANDOM_STOPS))
         first, last = 0.1, 2.0  # s from GREEN_GREEN to the stop
         part = (last - first) / len(stops)
         for place, stop in enumerate(stops):
-            delay = first + part * (place + self._chance.random())
+            delay = first + part * (place + chance.random())
             yield ('garage', 'grid', f'start:{delay}', *stop.split())
 
     # ----- what the acts are made of --------------------------------------------------------
 
     async def _until(self, found: Callable[[], object], seconds: float) -> bool:
-        return await self._recording.until(found, seconds)
+        return await self.recording.until(found, seconds)
 
     async def _pass(self, seconds: float) -> None:
         """Let time pass while everything is recorded."""
@@ -256,7 +245,7 @@ class KartScript:
 
     async def _stay(self, limit: str, least: float = 0.0) -> bool:
         """Watch a kart that must not drive and ask the inspector; return False once it drives."""
-        moves, seconds = self._oracle.moves, max(getattr(self._limits, limit), least)
+        moves, seconds = self._oracle.moves, max(getattr(self.limits, limit), least)
         if await self._until(lambda: self._oracle.moves > moves, seconds):
             return False
         await self._ask(STANDS)
@@ -264,12 +253,12 @@ class KartScript:
 
     async def _ask(self, question: str) -> bool | None:
         """Ask the inspector to look, unless there is odometry; return the answer, if any."""
-        return None if self._seen else await self._look(question)
+        return None if self.seen else await self._look(question)
 
     async def _look(self, question: str) -> bool | None:
-        answer = await self._inspector.ask(f'Do {question}?', self._limits.answer)
+        answer = await self.inspector.ask(f'Do {question}?', self.limits.answer)
         value = math.nan if answer is None else float(answer)
-        self._recording.note(Kind.ANSWER, text=question, value=value)
+        self.recording.note(Kind.ANSWER, text=question, value=value)
         return answer
 
     async def _acknowledged(self, state: RaceState, seconds: float) -> bool:
@@ -278,7 +267,7 @@ class KartScript:
 
     async def _connected(self) -> bool:
         """Return whether the kart is connected, after waiting for it if necessary."""
-        return await self._until(lambda: self._wire.connected, self._limits.reconnect)
+        return await self._until(lambda: self.wire.connected, self.limits.reconnect)
 
     async def _stop(self) -> None:
         """
@@ -289,13 +278,13 @@ class KartScript:
 
         :raises EndedError: if the kart does not connect or acknowledge RED_RED in time.
         """
-        limits = self._limits
-        self._wire.order(RED_RED)
+        limits = self.limits
+        self.wire.order(RED_RED)
         if not await self._connected():
             why = f'The kart has not connected again for {limits.reconnect:g} s.'
-            self._inspector.tell(f'\a  !  {why} If its wheels turn, USE THE MSR.')
-            again = await self._inspector.ask(START_KART_AGAIN, limits.connect)
-            if not (again and await self._until(lambda: self._wire.connected, limits.connect)):
+            self.inspector.tell(f'\a  !  {why} If its wheels turn, USE THE MSR.')
+            again = await self.inspector.ask(START_KART_AGAIN, limits.connect)
+            if not (again and await self._until(lambda: self.wire.connected, limits.connect)):
                 raise not_stopped(why)
         if not await self._acknowledged(RED_RED, limits.red_red):
             raise not_stopped(
@@ -308,102 +297,102 @@ class KartScript:
 
         :return: False if the wheels were seen to keep turning.
         """
-        if not self._seen:
+        if not self.seen:
             return await self._look(STANDS) is not False
         return await self._until(lambda: self._oracle.still > 2 and self._oracle.stands, seconds)
 
     async def _announce(self) -> None:
-        self._inspector.tell(f'\a  !  THE KART DRIVES NOW ({self._step}).')
-        await self._pass(self._limits.warning)
+        self.inspector.tell(f'\a  !  THE KART DRIVES NOW ({self._step}).')
+        await self._pass(self.limits.warning)
 
     # ----- acts: to a kart that stands ----------------------------------------------------------
 
     async def _connect(self) -> None:
-        limits = self._limits
-        if not await self._until(lambda: self._wire.connected, limits.connect):
+        limits = self.limits
+        if not await self._until(lambda: self.wire.connected, limits.connect):
             raise EndedError(f'No kart connected within {limits.connect:g} s.')
-        if self._seen:
+        if self.seen:
             # The first odometry may take a while, and until it comes, nothing sees the wheels.
             await self._until(lambda: self._oracle.spell.speeds, 5.0)
-            await self._until(lambda: self._wire.connected, limits.connect)
+            await self._until(lambda: self.wire.connected, limits.connect)
         await self._quiet()
 
     async def _quiet(self) -> None:
-        short = 0.4 * self._limits.silence  # too short to count as silence
+        short = 0.4 * self.limits.silence  # too short to count as silence
         await self._until(lambda: self._trace.events[-1].kind is Kind.SAID, short)
 
     async def _garage(self) -> None:
-        self._wire.order(IN_GARAGE)
+        self.wire.order(IN_GARAGE)
         await self._pass(0.2)
         # Wait until a standing kart has read this, which it shows by a report or by its silence.
         # After that, no report can answer an earlier order (docs/wire.md).
-        await self._until(lambda: self._trace.reached, QUIET + self._limits.red_red)
+        await self._until(lambda: self._trace.reached, QUIET + self.limits.red_red)
 
     async def _green(self) -> bool:
         """Send a GREEN_GREEN that the kart must not obey."""
         if not await self._connected():
             return False
-        self._wire.order(GREEN_GREEN)
+        self.wire.order(GREEN_GREEN)
         return await self._stay('watch')
 
     async def _green_again(self) -> bool:
         """Send GREEN_GREEN to a braking kart, which must continue to brake."""
-        self._wire.order(GREEN_GREEN)
-        return await self._see_it_stand(self._limits.red_flag)
+        self.wire.order(GREEN_GREEN)
+        return await self._see_it_stand(self.limits.red_flag)
 
     async def _pieces(self) -> None:
-        self._recording.note(Kind.STEP, text=self._step)
-        self._wire.order(RED_RED, PIECES[self._step], rate=10.0)
-        await self._acknowledged(RED_RED, self._limits.red_red)
+        self.recording.note(Kind.STEP, text=self._step)
+        self.wire.order(RED_RED, PIECES[self._step], rate=10.0)
+        await self._acknowledged(RED_RED, self.limits.red_red)
         # A kart that takes slow frames for silence needs time to show it.
-        longer = self._limits.watch if self._step == 'slow' else 0.0
-        await self._pass(self._limits.slack + longer)
-        self._recording.note(Kind.STEP, text=f'after {self._step}')
+        longer = self.limits.watch if self._step == 'slow' else 0.0
+        await self._pass(self.limits.slack + longer)
+        self.recording.note(Kind.STEP, text=f'after {self._step}')
 
     async def _malformed(self) -> bool:
-        self._recording.note(Kind.STEP, text=self._step)
-        self._wire.order(GRID_ACTIVE, between)
+        self.recording.note(Kind.STEP, text=self._step)
+        self.wire.order(GRID_ACTIVE, between)
         return await self._stay('watch', len(MALFORMED) / BEAT_RATE)
 
     async def _glued(self) -> bool:
-        self._wire.order(GREEN_GREEN, lambda state: after(encode(GRID_ACTIVE), state))
+        self.wire.order(GREEN_GREEN, lambda state: after(encode(GRID_ACTIVE), state))
         return await self._stay('watch')
 
     async def _fast(self) -> None:
-        self._wire.order(IN_GARAGE, rate=100.0)
-        await self._pass(self._limits.fast)
-        await self._until(lambda: self._trace.reached, QUIET + self._limits.red_red)
+        self.wire.order(IN_GARAGE, rate=100.0)
+        await self._pass(self.limits.fast)
+        await self._until(lambda: self._trace.reached, QUIET + self.limits.red_red)
 
     async def _backlog(self) -> None:
-        self._recording.note(Kind.STEP, text=self._step)
-        self._wire.order(RED_RED, lambda state: after(encode(IN_GARAGE) * 400, state))
-        if not await self._acknowledged(RED_RED, self._limits.red_red):
+        self.recording.note(Kind.STEP, text=self._step)
+        self.wire.order(RED_RED, lambda state: after(encode(IN_GARAGE) * 400, state))
+        if not await self._acknowledged(RED_RED, self.limits.red_red):
             self._hindrance = 'The kart saw a stop too late.'
             raise not_stopped(self._hindrance)
 
     async def _half_open(self) -> None:
         self._fall_silent('silent')
-        newest = self._wire.newest
-        await self._until(lambda: self._wire.newest > newest, self._limits.reconnect)
+        newest = self.wire.newest
+        await self._until(lambda: self.wire.newest > newest, self.limits.reconnect)
 
     async def _dwells(self) -> bool:
         for state in (RED_RED, IN_GARAGE, GRID_ACTIVE, RED_FLAG):
-            self._wire.order(state)
+            self.wire.order(state)
             if not (await self._stay('dwell') and await self._close()):
                 return False
         return True
 
     async def _close(self) -> bool:
         """Close the connection of a standing kart."""
-        self._wire.close()
-        await self._pass(self._limits.slack)
+        self.wire.close()
+        await self._pass(self.limits.slack)
         return await self._connected()
 
     # ----- acts: drives -------------------------------------------------------------------------
 
     async def _grid(self) -> bool:
-        self._wire.order(GRID_ACTIVE)
-        ready = await self._acknowledged(GRID_ACTIVE, self._limits.grid)
+        self.wire.order(GRID_ACTIVE)
+        ready = await self._acknowledged(GRID_ACTIVE, self.limits.grid)
         if not ready:
             self._hindrance = 'The kart has not acknowledged GRID_ACTIVE.'
         return ready
@@ -416,14 +405,14 @@ class KartScript:
         :param rate: frames per second. A kart that reads too slowly while it drives is late by
             the time of the stop.
         """
-        limits = self._limits
+        limits = self.limits
         await self._announce()
-        self._wire.order(GREEN_GREEN, rate=float(rate))
-        began = self._recording.now
+        self.wire.order(GREEN_GREEN, rate=float(rate))
+        began = self.recording.now
         if not await self._acknowledged(GREEN_GREEN, limits.green):
             self._hindrance = 'The kart has not acknowledged GREEN_GREEN.'
-        elif self._seen:
-            left = max(began + limits.green - self._recording.now, 0.0)
+        elif self.seen:
+            left = max(began + limits.green - self.recording.now, 0.0)
             await self._until(lambda: self._oracle.still == 0, left)
         if self._step == 'race':
             await self._ask(TURNS)
@@ -432,24 +421,24 @@ class KartScript:
 
     async def _start(self, seconds: str) -> None:
         await self._announce()
-        self._wire.order(GREEN_GREEN)
+        self.wire.order(GREEN_GREEN)
         await self._pass(float(seconds))
 
     async def _red(self) -> None:
         await self._stop()
-        await self._pass(2 * self._limits.slack)
+        await self._pass(2 * self.limits.slack)
         await self._ask(STANDS)
 
     async def _flag(self) -> bool:
-        self._wire.order(RED_FLAG)
-        said = await self._acknowledged(RED_FLAG, self._limits.red_flag)
-        await self._pass(2 * self._limits.slack)
+        self.wire.order(RED_FLAG)
+        said = await self._acknowledged(RED_FLAG, self.limits.red_flag)
+        await self._pass(2 * self.limits.slack)
         await self._ask(STANDS)
         return said
 
     async def _brake(self, state: str = 'RED_FLAG') -> None:
         """Let a red slow the kart to 80 % of its speed, for at most 1 s, or 0.3 s if unseen."""
-        self._wire.order(RaceState(state))
+        self.wire.order(RaceState(state))
 
         def slower() -> bool:
             spell = self._oracle.spell
@@ -457,7 +446,7 @@ class KartScript:
                 return False
             return spell.speeds[-1][1] < 0.8 * spell.top
 
-        await self._until(slower, 1.0 if self._seen else 1 / 3)
+        await self._until(slower, 1.0 if self.seen else 1 / 3)
 
     async def _lose(self, how: str) -> bool:
         """
@@ -465,92 +454,92 @@ class KartScript:
 
         :param how: the method of the wire: close, reset or half_close.
         """
-        newest = self._wire.newest
-        self._wire.send(NOTHING)  # not even on a new connection
-        getattr(self._wire, how)()
-        stands = await self._see_it_stand(self._limits.red_red)
-        back = await self._until(lambda: self._wire.newest > newest, self._limits.reconnect)
+        newest = self.wire.newest
+        self.wire.send(NOTHING)  # not even on a new connection
+        getattr(self.wire, how)()
+        stands = await self._see_it_stand(self.limits.red_red)
+        back = await self._until(lambda: self.wire.newest > newest, self.limits.reconnect)
         return stands and back
 
     def _fall_silent(self, how: str) -> None:
         """Send nothing from now on (`silent`), or only malformed bytes (`malformed`)."""
-        self._recording.note(Kind.SILENT, text=how)
-        self._wire.send(NOTHING if how == 'silent' else between())
+        self.recording.note(Kind.SILENT, text=how)
+        self.wire.send(NOTHING if how == 'silent' else between())
 
     async def _silence(self, how: str) -> bool:
-        limits, began = self._limits, self._recording.now
+        limits, began = self.limits, self.recording.now
         self._fall_silent(how)
         stands = await self._see_it_stand(limits.silence + limits.red_red)
         # Even if nobody looks, the silence must last long enough to be noticed.
-        await self._pass(max(began + limits.silence + limits.slack - self._recording.now, 0.0))
+        await self._pass(max(began + limits.silence + limits.slack - self.recording.now, 0.0))
         return stands
 
     async def _cut(self) -> None:
-        self._wire.reset()
+        self.wire.reset()
         await self._red()
 
     async def _reset_to_garage(self) -> bool:
-        self._wire.reset()
-        self._wire.order(IN_GARAGE)
-        return await self._see_it_stand(self._limits.red_red + self._limits.slack)
+        self.wire.reset()
+        self.wire.order(IN_GARAGE)
+        return await self._see_it_stand(self.limits.red_red + self.limits.slack)
 
     async def _away(self) -> bool:
-        self._wire.go_away()
-        stands = await self._see_it_stand(self._limits.red_red)
+        self.wire.go_away()
+        stands = await self._see_it_stand(self.limits.red_red)
         return await self._stay('away') and stands
 
     async def _back(self) -> bool:
-        self._wire.order(GREEN_GREEN)
-        await self._wire.come_back()
+        self.wire.order(GREEN_GREEN)
+        await self.wire.come_back()
         return await self._green()
 
     async def _kill(self) -> bool:
         """Kill a part of a driving kart's program; return whether it was killed."""
-        limits, part = self._limits, self._step
-        killing = asyncio.ensure_future(self._kills[part]())
-        newest = self._wire.newest
+        limits, part = self.limits, self._step
+        killing = asyncio.ensure_future(self.kills[part]())
+        newest = self.wire.newest
 
         def ended() -> bool:
-            return part == 'bridge' and not self._wire.connected
+            return part == 'bridge' and not self.wire.connected
 
         try:
             await self._until(lambda: killing.done() or ended(), limits.connect + limits.answer)
             # The connection ends now or never.
             if part == 'bridge' and await self._until(ended, limits.slack):
-                self._wire.send(NOTHING)  # not even on a new connection
+                self.wire.send(NOTHING)  # not even on a new connection
             done = await killing
         finally:
             killing.cancel()
         if not done:
             return False
-        if part == 'stack' or self._wire.newest == newest:
-            self._recording.note(Kind.KILLED, text=part)
+        if part == 'stack' or self.wire.newest == newest:
+            self.recording.note(Kind.KILLED, text=part)
         self._speechless = part == 'stack'
         if not await self._see_it_stand(limits.silence + limits.red_red):
             speeds = self._oracle.spell.speeds
-            silent = self._recording.now - speeds[-1][0] if speeds else math.inf
+            silent = self.recording.now - speeds[-1][0] if speeds else math.inf
             if silent <= limits.slack or not await self._look(STANDS):
-                self._inspector.tell('\a  !  THE WHEELS ARE NOT SEEN TO STAND. USE THE MSR.')
+                self.inspector.tell('\a  !  THE WHEELS ARE NOT SEEN TO STAND. USE THE MSR.')
         return True
 
     # ----- the end --------------------------------------------------------------------------
 
     async def _end(self) -> None:
         """Send RED_RED for some seconds, then tell the inspector whether the kart stands."""
-        self._recording.note(Kind.STEP, text='end')
-        self._wire.send_now(encode(RED_RED))
-        self._wire.order(RED_RED)
-        self._wire.keep_beating()
-        if self._wire.newest == 0:
+        self.recording.note(Kind.STEP, text='end')
+        self.wire.send_now(encode(RED_RED))
+        self.wire.order(RED_RED)
+        self.wire.keep_beating()
+        if self.wire.newest == 0:
             return
         try:
-            await self._wire.come_back()
+            await self.wire.come_back()
         except OSError as error:
-            self._inspector.tell(f'  !  The port is gone: {error}')
-        await self._pass(self._limits.hold)
+            self.inspector.tell(f'  !  The port is gone: {error}')
+        await self._pass(self.limits.hold)
         if self._speechless:
-            self._inspector.tell('  The driving program was killed. CHECK THAT THE KART STANDS.')
+            self.inspector.tell('  The driving program was killed. CHECK THAT THE KART STANDS.')
         elif not self._trace.acknowledged(RED_RED):
-            self._inspector.tell('\a  !  THE KART HAS NOT REPORTED A STANDSTILL. USE THE MSR.')
+            self.inspector.tell('\a  !  THE KART HAS NOT REPORTED A STANDSTILL. USE THE MSR.')
         else:
-            self._inspector.tell('  RED_RED was sent last, and the kart reports a standstill.')
+            self.inspector.tell('  RED_RED was sent last, and the kart reports a standstill.')

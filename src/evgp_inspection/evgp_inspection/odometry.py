@@ -108,11 +108,8 @@ def _listen_to_ros(topic: str, take: Take) -> Callable[[], None]:
     qos: Any = importlib.import_module('rclpy.qos')
     signals: Any = importlib.import_module('rclpy.signals')
 
-    context = rclpy.Context()
-    rclpy.init(context=context, signal_handler_options=signals.SignalHandlerOptions.NO)
-    node = rclpy.create_node('inspect_kart', context=context)
-    executor = executors.SingleThreadedExecutor(context=context)
-    executor.add_node(node)
+    rclpy.init(signal_handler_options=signals.SignalHandlerOptions.NO)
+    node = rclpy.create_node('inspect_kart')
 
     def heard(odometry: Any) -> None:
         speed = odometry.twist.twist.linear
@@ -122,15 +119,13 @@ def _listen_to_ros(topic: str, take: Take) -> Callable[[], None]:
 
     def spin() -> None:
         with contextlib.suppress(executors.ExternalShutdownException):
-            executor.spin()
+            rclpy.spin(node)
 
     thread = threading.Thread(target=spin, daemon=True)
     thread.start()
 
     def end() -> None:
-        executor.shutdown()
+        rclpy.try_shutdown()
         thread.join(5.0)
-        node.destroy_node()
-        context.try_shutdown()
 
     return end

@@ -120,8 +120,15 @@ UNARMED = {
 """Clauses that a kart breaks by obeying GREEN_GREEN after one of these. After any other loss, it
 breaks `K-3E-05`."""
 
-BACK = {'closed': 'K-4D-01', 'reset': 'K-4D-02', 'half-closed': 'K-4D-03'}
-"""Clauses that a kart breaks by not reconnecting in time."""
+BACK = {
+    'closed': 'K-4D-01',
+    'reset': 'K-4D-02',
+    'half-closed': 'K-4D-03',
+    'silent': 'K-4D-04',
+    'back': 'K-4D-05',
+}
+"""Clauses that a kart breaks by not reconnecting in time, by the kind of loss. `back` is when race
+control returns after it was away."""
 
 SENT_SO = {
     'bytes': 'K-4C-02',
@@ -236,6 +243,7 @@ class Oracle:
         self._step = ''
         # The connections that are open, with the times at which they were opened.
         self._open: dict[int, float] = {}
+        self._doubtful: dict[int, float] = {}  # those still open when another one was opened
         self._link = 0  # the newest connection
         self._order: SentState | None = None  # in force; None while race control is lost
         self._since: RaceState | str = IN_GARAGE  # what disarmed the kart
@@ -320,7 +328,7 @@ class Oracle:
 
     def take(self, event: Event) -> None:
         at, heard = event.at, len(self.trace.said)
-        ordered = len(self.trace.orders(event.link))
+        ordered = len(self.trace.wires[event.link].orders)
         self.trace.add(event)
         self._let_time_pass(at)
         if event.kind is Kind.SPEED and math.isfinite(event.value):
@@ -328,7 +336,7 @@ class Oracle:
         elif event.kind is Kind.SAID:
             self._take_bytes(event)
         elif event.kind is Kind.SENT:
-            self._take_sent(event, self.trace.orders(event.link)[ordered:])
+            self._take_sent(event, self.trace.wires[event.link].orders[ordered:])
         elif event.kind is Kind.STEP:
             self._step, self._silent = event.text, 'silent'
             if event.text == 'malformed' and self._state is GRID_ACTIVE:
@@ -338,11 +346,10 @@ class Oracle:
         elif event.kind in (Kind.CLOSED, Kind.ENDED):
             self._take_end(event)
         elif event.kind is Kind.BACK:
-            self._back_due = Due('K-4D-05', at, self._limits.reconnect, 'connect')
+            self._expect_link('back', at)
         elif event.kind is Kind.SILENT:
             self._silent, self._silent_at = event.text, at
-            if event.text == 'silent':
-                self._back_due = Due('K-4D-04', at, self._limits.reconnect, 'connect')
+            self._expect_link(event.text, at)
         elif event.kind is Kind.KILLED and (event.text == 'stack' or self._state is not None):
             self._lose(at, event.text, self._limits.silence)
             self._killed = event.text == 'stack'
@@ -358,7 +365,7 @@ class Oracle:
 
     def _let_time_pass(self, now: float) -> None:
         limits = self._limits
-        framed = self.trace.framed_at(self._link)
+        framed = self.trace.wires[self._link].framed_at
         if self._order is not None and now >= framed + limits.silence:
             self._lose(framed + limits.silence, self._silent)
         due = self._said_due
@@ -374,10 +381,9 @@ class Oracle:
             if seen and not (spell.moved or spell.broken):
                 why = 'it reported GREEN_GREEN, but its wheels stood still.'
                 self._break('K-3A-05', why, now)
-        for link in [*self._open]:
-            since = self._open.get(link + 1, math.inf)
+        for link, since in [*self._doubtful.items()]:
             if now > since + limits.slack:
-                del self._open[link]
+                del self._doubtful[link]
                 why = f'It kept connection {link} open after opening a new one.'
                 self._fail('K-4A-02', why, since, now)
 
@@ -541,6 +547,7 @@ class Oracle:
         if due is not None:
             took = event.at - due.since
             self._pass(due.name, f'It connected after {took:.2f} s.', event.at, took)
+        self._doubtful = {**dict.fromkeys(self._open, event.at), **self._doubtful}
         self._open[event.link] = event.at
         if self._order is not None:
             self._lose(event.at, 'kart')
@@ -549,23 +556,27 @@ class Oracle:
     def _take_end(self, event: Event) -> None:
         if event.text != 'half-closed':
             self._open.pop(event.link, None)
+            self._doubtful.pop(event.link, None)
         if event.link != self._link or self._order is None:
             return
         at, how = event.at, event.text
         if event.kind is Kind.ENDED:
-            if how in BACK:
-                self._back_due = Due(BACK[how], at, self._limits.reconnect, 'connect again')
+            self._expect_link(how, at)
             self._lose(at, how)
             return
         if self._step in SENT_SO and self._step != 'backlog':
             self._fail(SENT_SO[self._step], 'It dropped the connection.', self.spell.at, at)
-        framed = self.trace.framed_at(event.link)
+        framed = self.trace.wires[event.link].framed_at
         if self._step == 'bridge':
             self._lose(at, 'bridge', self._limits.silence)
         elif self._silent_at >= framed:  # the kart treats a shorter silence as a loss
             self._lose(at, self._silent, max(framed + self._limits.silence - at, 0.0))
         else:
             self._lose(at, 'kart')
+
+    def _expect_link(self, how: str, since: float) -> None:
+        if how in BACK:
+            self._back_due = Due(BACK[how], since, self._limits.reconnect, 'connect again')
 
     def _expire_link(self, now: float) -> None:
         due, self._back_due = self._back_due, None
@@ -592,14 +603,14 @@ class Oracle:
         link, at = event.link, event.at
         if link != self._link:
             return
-        framed = self.trace.framed_at(link) == at
+        framed = self.trace.wires[link].framed_at == at
         if framed:
             self._expire_link(at)  # the loss is over
-        first = self.trace.bytes_sent(link) == len(event.data)
+        first = self.trace.wires[link].bytes_sent == len(event.data)
         if first and link > 1 and at - self._open.get(link, at) > self._limits.slack / 2:
             self._pass('K-4C-12', 'It sent nothing before it was sent anything.', at)
         if framed and not fresh and self._order is None:
-            fresh = self.trace.orders(link)[-1:]  # the same order again after a silence
+            fresh = self.trace.wires[link].orders[-1:]  # the same order again after a silence
         for order in fresh:
             self._take_order(order, at)
 
@@ -678,7 +689,7 @@ class Oracle:
             self._fail('K-4C-01', f'It sent {said}', at, at)
             return
         self._pass('K-4C-01', 'It sent frames only.', at)
-        if not self.trace.bytes_sent(said.link):
+        if not self.trace.wires[said.link].bytes_sent:
             name = 'K-4C-11' if said.link == 1 else 'K-4C-12'
             why = f'It sent {said} before it was sent anything on this connection.'
             self._fail(name, why, at, at)

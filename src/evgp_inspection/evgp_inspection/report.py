@@ -11,6 +11,7 @@ import datetime
 import html
 import json
 import math
+import os
 import pathlib
 import sys
 from typing import Any
@@ -84,18 +85,28 @@ def as_json(inspection: Inspection) -> str:
     return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False)
 
 
-def write_files(
-    folder: pathlib.Path, name: str, began: datetime.datetime, texts: Mapping[str, str]
+def deliver(
+    text: str, folder: str, name: str, began: datetime.datetime, files: Mapping[str, str]
 ) -> None:
-    """Write the files of a report, each with its ending and text, and print their paths."""
+    """
+    Write the files of a report, then print a text, which may fail because the terminal is gone.
+
+    :param folder: the folder for the files; if empty, none is written.
+    :param files: the endings of the files, with their texts.
+    """
+    lines = [text]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for ending, text in texts.items():
-            path = folder / f'{name}-{began:%Y%m%d-%H%M%S}.{ending}'
-            path.write_text(text, encoding='utf-8')
-            print(f'written: {path}')
+        for ending, whole in files.items() if folder else ():
+            path = pathlib.Path(folder) / f'{name}-{began:%Y%m%d-%H%M%S}.{ending}'
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(whole, encoding='utf-8')
+            lines.append(f'written: {path}')
     except OSError as error:
-        print(f'The report cannot be written: {error}', file=sys.stderr)
+        lines.append(f'The report cannot be written: {error}')
+    try:
+        print(*lines, sep='\n', flush=True)
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 _STYLE = """\

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import dataclasses
 import datetime
+import itertools
 import json
 import math
 
@@ -174,7 +175,9 @@ class LinkSurvey:
     def worst_minute(self) -> int:
         """Return the number of retransmitted segments in the worst minute."""
         resent = [each.retransmitted for each in self.seconds]
-        return max((sum(resent[at : at + 60]) for at in range(len(resent))), default=0)
+        return max(
+            (sum(itertools.islice(resent, at, at + 60)) for at in range(len(resent))), default=0
+        )
 
     def figures(self, limits: SurveyLimits, held_up: float = 0.0) -> list[Figure]:
         """

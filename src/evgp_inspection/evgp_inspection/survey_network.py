@@ -14,15 +14,15 @@ from __future__ import annotations
 import argparse
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
+import contextlib
 import datetime
-import pathlib
 import socket
 import sys
 
 from evgp_inspection import VERSION
-from evgp_inspection.inspector import Printer, stopped_by_signals, Terminal, WORD
+from evgp_inspection.inspector import stopped_by_signals, Terminal, WORD
 from evgp_inspection.limits import SurveyLimits
-from evgp_inspection.report import write_files
+from evgp_inspection.report import deliver
 from evgp_inspection.survey import LinkSurvey, LOST, Mark, Report
 from evgp_inspection.traces import BEAT
 from evgp_inspection.verdicts import Exit, exit_code
@@ -250,9 +250,8 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
         limits = SurveyLimits.taken_from(options)
     except ValueError as error:
         parser.error(str(error))
-    printer = Printer()
     try:
-        report = run(_survey(options, limits, printer))
+        report = run(_survey(options, limits))
     except (OSError, OverflowError) as error:  # OverflowError: a port above 65535
         print(
             f'The survey cannot start: {error}. Race control must not be running on this '
@@ -260,15 +259,11 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return Exit.NOT_PASSED
-    finally:
-        printer.close()
     if report is None:
         print(f'The survey did not start: the word was not "{WORD}".', file=sys.stderr)
         return Exit.NOT_PASSED
-    print(report.text(), end='')
-    if options.report:
-        texts = {'txt': report.text(), 'json': report.as_json()}
-        write_files(pathlib.Path(options.report), 'survey', report.began, texts)
+    files = {'txt': report.text(), 'json': report.as_json()}
+    deliver(report.text().rstrip(), options.report, 'survey', report.began, files)
     return exit_code(report.verdict)
 
 
@@ -281,12 +276,10 @@ class AtTerminal(Terminal):
         self.edit(key, self.surveyor.mark)
 
 
-async def _survey(
-    options: argparse.Namespace, limits: SurveyLimits, printer: Printer
-) -> Report | None:
+async def _survey(options: argparse.Namespace, limits: SurveyLimits) -> Report | None:
     """Survey until a signal, Ctrl-D or the end of the time; None if the word was not typed."""
     stopping = stopped_by_signals()
-    terminal = AtTerminal(printer, stopping, options.word)
+    terminal = AtTerminal(stopping, options.word)
 
     def listening(port: int) -> None:
         terminal.tell(
@@ -295,7 +288,7 @@ async def _survey(
             'switch the kart off.'
         )
 
-    with terminal.reading():
+    with contextlib.closing(terminal), terminal.reading():
         if not await terminal.confirm(SURVEY_CONDITIONS):
             return None
         if options.seconds is not None:

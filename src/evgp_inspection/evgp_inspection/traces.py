@@ -81,9 +81,6 @@ class Said(NamedTuple):
 
     :ivar state: the state; None if the bytes do not form a frame.
     :ivar sent: the state being sent on that connection when the frame was complete, if any.
-    :ivar answers: the order that it acknowledges by race control's rules
-        (`evgp_protocol.hearing`), if any. It may be an earlier order, if the kart sent the frame
-        before it read the current one.
     :ivar reason: why the bytes do not form a frame.
     """
 
@@ -91,22 +88,28 @@ class Said(NamedTuple):
     link: int
     state: RaceState | None
     sent: SentState | None
-    answers: SentState | None = None
     reason: str = ''
 
     def __str__(self) -> str:
         return self.state.value if self.state else f'bytes that are not a frame: {self.reason}'
 
 
-class _Wire:
-    """One connection, with the orders sent on it."""
+class Wire:
+    """
+    One connection.
+
+    :ivar hearing: which order a frame of the kart answers, by race control's rules. It may be an
+        earlier one, if the kart sent the frame before it read the current one.
+    :ivar orders: the orders sent on it; a repeated state counts as one order.
+    :ivar framed_at: the time at which a whole, correct frame was last sent on it.
+    """
 
     def __init__(self) -> None:
         self.hearing = Hearing(1 / BEAT)
         self.sending = FrameDecoder()
         self.bytes_sent = 0
         self.orders: list[SentState] = []
-        self.framed_at = 0.0  # when the last whole frame was sent
+        self.framed_at = 0.0
 
 
 class Trace:
@@ -114,12 +117,13 @@ class Trace:
     Everything observed, in order of time. It can be read while it is written.
 
     :ivar said: everything that the kart sent.
+    :ivar wires: the connections, by their numbers.
     """
 
     def __init__(self) -> None:
         self.events: list[Event] = []
         self.said: list[Said] = []
-        self._wires: defaultdict[int, _Wire] = defaultdict(_Wire)
+        self.wires: defaultdict[int, Wire] = defaultdict(Wire)
         self._time = self._beats = 0.0
         self._sent: dict[int, SentState] = {}  # of the connections that are open
         self._acknowledged: set[SentState] = set()
@@ -134,12 +138,12 @@ class Trace:
 
     def waits(self, link: int) -> bool:
         """Return whether the number of unanswered bytes on a connection matters."""
-        return link in self._wires and self._wires[link].hearing.waits
+        return self.wires[link].hearing.waits
 
     @property
     def reached(self) -> bool:
         """Return whether the kart has certainly read what it is being sent, on each connection."""
-        return all(self._wires[link].hearing.has_reached_last for link in self._sent)
+        return all(self.wires[link].hearing.has_reached_last for link in self._sent)
 
     def add(self, event: Event) -> None:
         self._let_pass(event.at)
@@ -147,14 +151,14 @@ class Trace:
         if event.kind in (Kind.CLOSED, Kind.ENDED):
             self._sent.pop(event.link, None)
         if event.kind is Kind.SENT:
-            self._take_sent(event, self._wires[event.link])
+            self._take_sent(event, self.wires[event.link])
         elif event.kind is Kind.SAID:
-            self._take_said(event, self._wires[event.link])
+            self._take_said(event, self.wires[event.link])
         elif event.kind is Kind.UNANSWERED:
-            wire = self._wires[event.link]
+            wire = self.wires[event.link]
             wire.hearing.look(wire.bytes_sent - int(event.value), event.unread)
 
-    def _take_sent(self, event: Event, wire: _Wire) -> None:
+    def _take_sent(self, event: Event, wire: Wire) -> None:
         wire.bytes_sent += len(event.data)
         for frame in wire.sending.feed(event.data):
             sent = self._sent.get(event.link)
@@ -166,37 +170,25 @@ class Trace:
                 wire.orders.append(sent)
                 wire.hearing.order(len(wire.orders), sent.state, wire.bytes_sent, event.unread)
 
-    def orders(self, link: int) -> list[SentState]:
-        """Return the orders sent on a connection; a repeated state counts as one order."""
-        return self._wires[link].orders if link in self._wires else []
-
-    def bytes_sent(self, link: int) -> int:
-        return self._wires[link].bytes_sent if link in self._wires else 0
-
-    def framed_at(self, link: int) -> float:
-        """Return the time at which a whole, correct frame was last sent on a connection."""
-        return self._wires[link].framed_at if link in self._wires else 0.0
-
-    def _take_said(self, event: Event, wire: _Wire) -> None:
+    def _take_said(self, event: Event, wire: Wire) -> None:
         wire.hearing.read(len(event.data))
         for frame, serial in wire.hearing.decode(memoryview(event.data)):
             sent = self._sent.get(event.link)
-            answers = None if serial == NO_ORDER else wire.orders[serial - 1]
             state, reason = None, ''
             if isinstance(frame, StateFrame):
                 state = frame.state
             else:
                 reason = f'{frame.reason}: {printable(frame.raw)}'
-            self.said.append(Said(event.at, event.link, state, sent, answers, reason))
-            if answers is not None:
-                self._acknowledged.add(answers)
+            self.said.append(Said(event.at, event.link, state, sent, reason))
+            if serial != NO_ORDER:
+                self._acknowledged.add(wire.orders[serial - 1])
 
     def _let_pass(self, now: float) -> None:
         last = self.events[-1].at if self.events else now
         self._time += min(now - last, LONGEST_STEP)
         while self._beats + BEAT <= self._time:
             self._beats += BEAT
-            for wire in (self._wires[link] for link in self._sent):
+            for wire in (self.wires[link] for link in self._sent):
                 wire.hearing.beat(now)
                 for _, serial in wire.hearing.settled():
                     self._acknowledged.add(wire.orders[serial - 1])

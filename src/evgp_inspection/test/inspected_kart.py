@@ -49,11 +49,11 @@ class InspectedKart:
         says_garage: bool,
         long_after: float,
     ) -> None:
-        self.take, self.silence, self.long_after = take, silence, long_after
+        self.port, self.take = port, take
+        self.silence, self.long_after = silence, long_after
         self._says_garage = says_garage
         self.speed = 0.0
         self.last_heard = b''
-        self._address = ('127.0.0.1', port)
         self.loop = asyncio.get_running_loop()
         self.now = self._turned_at = self.loop.time()
         self.link: socket.socket | None = None
@@ -130,7 +130,7 @@ class InspectedKart:
         link = socket.socket()
         self.prepare(link)
         try:
-            link.connect(self._address)
+            link.connect(('127.0.0.1', self.port))
         except OSError:
             link.close()
             self._retry_after('refused')

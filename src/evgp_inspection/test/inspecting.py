@@ -8,9 +8,10 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Collection
 import dataclasses
+import functools
 
 from evgp_inspection.inspection import inspect
-from evgp_inspection.kart_script import Kill, START_KART_AGAIN
+from evgp_inspection.kart_script import KILLING_STEPS, START_KART_AGAIN
 from evgp_inspection.kart_sentences import KART
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take
@@ -48,6 +49,7 @@ def those(inspection: Inspection, verdict: Verdict) -> dict[str, str]:
     return {each.clause.name: each.finding.why for each in inspection.having(verdict)}
 
 
+@dataclasses.dataclass
 class OneInspection:
     """
     One inspection of one kart in this process, and its inspector.
@@ -61,30 +63,18 @@ class OneInspection:
     :param starts_again: the inspector starts a kart again that has ended.
     """
 
-    def __init__(
-        self,
-        kind: str = '',
-        seen: bool = True,
-        only: str = '',
-        limits: Limits = SHORT,
-        steps: Collection[str] = (),
-        long_after: float = 1.8,
-        eyes: bool = False,
-        starts_again: bool = False,
-    ) -> None:
-        self.lines: list[str] = []
-        self.kart: InspectedKart | None = None
-        self.driving = asyncio.Event()
-        self.stopping = asyncio.Event()
-        self._kind, self._long_after = kind, long_after
-        self._seen = seen
-        self._only = only
-        self._limits = limits
-        self._steps = steps
-        self._eyes = eyes
-        self._starts_again = starts_again
-        self._port = 0
-        self._takes: list[Take] = []
+    kind: str = ''
+    seen: bool = True
+    only: str = ''
+    limits: Limits = SHORT
+    steps: Collection[str] = ()
+    long_after: float = 1.8
+    eyes: bool = False
+    starts_again: bool = False
+    kart: InspectedKart | None = None
+    driving: asyncio.Event = dataclasses.field(default_factory=asyncio.Event)
+    stopping: asyncio.Event = dataclasses.field(default_factory=asyncio.Event)
+    _take: Take = lambda speed: None
 
     def inspect(self) -> Inspection:
         """Inspect to the end, on a simulated clock."""
@@ -94,63 +84,55 @@ class OneInspection:
         try:
             return await inspect(
                 self,
-                self._limits,
-                select(KART, self._only),
+                self.limits,
+                select(KART, self.only),
                 self.stopping,
-                odometry=self._odometry if self._seen else None,
-                kills={'bridge': self._kill('bridge'), 'stack': self._kill('stack')},
+                odometry=self._odometry if self.seen else None,
+                kills={part: functools.partial(self._kill, part) for part in KILLING_STEPS},
                 listening=self._start_kart,
-                steps=self._steps,
+                steps=self.steps,
             )
         finally:
             self._end_kart()
 
     def tell(self, line: str) -> None:
-        self.lines.append(line)
+        pass
 
     async def ask(self, question: str, seconds: float) -> bool | None:
-        if self._eyes and self.kart is not None and 'wheels' in question:
+        assert self.kart is not None
+        if self.eyes and 'wheels' in question:
             turn = 'turn' in question
             for _ in range(20):  # whoever sees what is asked for says so, a little later
                 await asyncio.sleep(0.3)
                 if (self.kart.speed > 0.0) is turn:
                     return True
             return False
-        if question != START_KART_AGAIN or not self._starts_again:
+        if question != START_KART_AGAIN or not self.starts_again:
             return None
         self._end_kart()
-        self._start_kart(self._port)
+        self._start_kart(self.kart.port)
         return True
 
-    def _kill(self, part: str) -> Kill:
-        async def kill() -> bool:
-            assert self.kart is not None
-            self.kart.kill(part)
-            return True
-
-        return kill
+    async def _kill(self, part: str) -> bool:
+        assert self.kart is not None
+        self.kart.kill(part)
+        return True
 
     def _end_kart(self) -> None:
         if self.kart is not None:
             self.kart.end()
 
     def _start_kart(self, port: int) -> None:
-        self._port = port
+        # One that nobody sees says no more than a kart has to.
         self.kart = InspectedKart(
-            port,
-            self._take,
-            self._kind,
-            self._limits.silence,
-            self._seen,  # the one that nobody sees says no more than a kart has to
-            self._long_after,
+            port, self._see, self.kind, self.limits.silence, self.seen, self.long_after
         )
 
-    def _take(self, speed: float) -> None:
+    def _see(self, speed: float) -> None:
         if speed > 1.0:
             self.driving.set()
-        for take in self._takes:
-            take(speed)
+        self._take(speed)
 
     async def _odometry(self, take: Take) -> Callable[[], None]:
-        self._takes.append(take)
-        return self._takes.clear
+        self._take = take
+        return lambda: None

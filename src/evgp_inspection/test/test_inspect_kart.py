@@ -202,9 +202,9 @@ def test_a_frame_that_takes_too_long_to_send_is_a_hold_up_of_the_inspecting_comp
 def test_a_kart_that_never_comes_is_not_judged() -> None:
     async def alone() -> Inspection:
         limits = Limits(connect=0.1, hold=0.0)
-        return await inspect(Unattended(lambda line: None), limits, KART, asyncio.Event())
+        return await inspect(Unattended(), limits, KART, asyncio.Event())
 
-    inspection = asyncio.run(alone())
+    inspection = simulated.run(alone())
     assert inspection.exit_code is Exit.NOT_PASSED
     assert 'K-4A-01' in those(inspection, Verdict.FAIL)
 
