@@ -9,6 +9,7 @@ import asyncio
 from collections.abc import Callable, Iterator
 import concurrent.futures
 import contextlib
+import itertools
 import queue
 import socket
 import threading
@@ -22,15 +23,11 @@ from evgp_protocol.link import Grade, unread
 from evgp_protocol.loop import run as run_loop
 from evgp_protocol.states import RaceState
 from evgp_rcs.karts import server as kart_server
-from evgp_rcs.karts.channel import (
-    Happened,
-    ServerSettings,
-    Unpacker,
-)
+from evgp_rcs.karts.channel import Alive, Answered, Happened, Request, ServerSettings, Unpacker
 from evgp_rcs.karts.link import KartLink
-from evgp_rcs.karts.server import KartServer, ROS_HALF_SILENCE, STALL, Waiting
+from evgp_rcs.karts.server import KartServer, ROS_HALF_SILENCE, STALL
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.inputs import Batch, Commanded, Ordered
+from evgp_rcs.rules.inputs import Batch, Commanded, Ordered, Stalled
 from evgp_rcs.rules.race import (
     AlertKind,
     Answer,
@@ -82,9 +79,10 @@ class Running:
         self.record_trouble = ''
         self.gone = ''
         self.unsent = 0
-        self.messages: list[object] = []
-        self._given: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
-        self._said: queue.SimpleQueue[object] = queue.SimpleQueue()
+        self._numbers = itertools.count()
+        self._answers: dict[int, concurrent.futures.Future[Answer]] = {}
+        self._said: queue.SimpleQueue[Request] = queue.SimpleQueue()
+        self.ros_half_lives = True
         self._news = threading.Condition()
         numbers = range(1, karts + 1)
         entered = [Kart(each, '', each <= 2, address=address_of(each)) for each in numbers]
@@ -96,14 +94,13 @@ class Running:
         self._thread.start()
         self.address = self._listening.result(TIMEOUT)
 
-    def submit(
-        self, command: Command, came: float | None = None
-    ) -> concurrent.futures.Future[Answer]:
-        """Hand a command over, from any thread, as the other process does."""
-        answer: concurrent.futures.Future[Answer] = concurrent.futures.Future()
-        came = clock.now() if came is None else came
-        self._given.put(lambda: self.server.submit(command, answer.set_result, came))
-        self._loop.call_soon_threadsafe(self.server.take_commands)
+    def submit(self, command: Command, *, wakes: bool = True) -> concurrent.futures.Future[Answer]:
+        """Have the ROS half send a command, from any thread."""
+        number = next(self._numbers)
+        answer = self._answers[number] = concurrent.futures.Future()
+        self._said.put(Request(number, command, clock.now()))
+        if wakes:
+            self._loop.call_soon_threadsafe(self.server.take_commands)
         return answer
 
     def give(self, kind: CommandKind, kart: int | None = None, statement: bool = True) -> Answer:
@@ -163,16 +160,11 @@ class Running:
         self.server = KartServer(self.race, self._settings, outside, outside)
         await self.server.serve(self._listening.set_result)
 
-    def say(self, message: object) -> None:
-        """Have the ROS half say something, from any thread."""
-        self._said.put(message)
-        self._loop.call_soon_threadsafe(self.server.take_commands)
-
     # ----- the ROS half; in the server's thread -------------------------------------------
 
-    def receive(self) -> Iterator[object]:
-        while not self._given.empty():
-            self._given.get()()
+    def receive(self) -> Iterator[Alive | Request]:
+        if self.ros_half_lives:
+            yield Alive(False)
         while not self._said.empty():
             yield self._said.get()
 
@@ -180,8 +172,9 @@ class Running:
         stamped: list[StampedEvent] = []
         with self._news:
             for message in Unpacker().feed(data):
-                self.messages.append(message)
-                if isinstance(message, Snapshot):
+                if isinstance(message, Answered):
+                    self._answers[message.number].set_result(message.answer)
+                elif isinstance(message, Snapshot):
                     self._shown += 1
                     self._shown_at = message.stamp
                 elif isinstance(message, Happened):
@@ -395,15 +388,11 @@ def test_a_stop_that_lies_unread_is_judged_before_what_a_kart_says(run: Run) -> 
     running = run(NO_BEAT)
     client = running.connect(1)
     read_until(client, IN_GARAGE)
-    answers: list[Answer] = []
-    # Nothing wakes the server but the kart.
-    running._given.put(
-        lambda: running.server.submit(Command(CommandKind.ALL_KILL), answers.append, clock.now())
-    )
+    answer = running.submit(Command(CommandKind.ALL_KILL), wakes=False)  # only the kart does
     client.sendall(encode(RED_RED))
     read_until(client, RED_RED)
     running.wait_for(EventKind.REPORTED, 1)
-    assert [answer.success for answer in answers] == [True]
+    assert answer.result(TIMEOUT).success
     assert not running.race.karts[1].acknowledged
 
 
@@ -649,7 +638,7 @@ def test_a_failed_end_of_race_control_is_told_before_the_disconnections_that_it_
     client = running.connect(1)
     read_until(client, IN_GARAGE)
     running._loop.call_soon_threadsafe(running.server.end, OSError('lightning'))
-    running._thread.join(TIMEOUT)
+    running.stop_serving()
     ended, gone = running.events[-2:]
     assert (ended.kind, ended.success) == (EventKind.ENDED, False)
     assert 'lightning' in ended.text
@@ -677,18 +666,19 @@ def test_a_command_that_waits_when_the_server_stops_is_answered_with_use_the_msr
     run: Run,
 ) -> None:
     running = run()
-    command = running.command(CommandKind.ALL_KILL)
-    answers: list[Answer] = []
+    answers = []
 
     def stop() -> None:
         running.server.end()
-        running.server._commands.append(Waiting(command, answers.append, 0.0))
         running.server.take_commands = lambda: None  # type: ignore[method-assign]
+        answers.append(running.submit(Command(CommandKind.ALL_KILL)))
+        running.server._hear(running._said.get())
 
     running._loop.call_soon_threadsafe(stop)
-    running._thread.join(TIMEOUT)
-    assert [answer.success for answer in answers] == [False]
-    assert 'use the MSR' in answers[0].message
+    running.stop_serving()
+    answer = answers[0].result(TIMEOUT)
+    assert not answer.success
+    assert 'use the MSR' in answer.message
 
 
 # ----- GREEN_GREEN needs the record, and no stop does ---------------------------------------
@@ -731,14 +721,14 @@ def test_a_kart_server_that_was_held_up_does_not_take_the_ros_half_for_silent(ru
 
     def hold_up(event: Event) -> None:
         if event.kind is EventKind.CONNECTED:
-            running.server.expect_ros_half(0.0)
+            running.ros_half_lives = False
             # As a process that was stopped, and the other as well.
             time.sleep(STALL + ROS_HALF_SILENCE)
             running.on_event = lambda event: None
 
     running.on_event = hold_up
     running.connect(1)
-    running.wait_for(EventKind.CONNECTED, 1)
+    logged(running, Stalled)
     assert running.give(CommandKind.CLOSE_TRACK).success
     assert running.failure is None
 

@@ -23,7 +23,6 @@ from __future__ import annotations
 import asyncio
 from collections import defaultdict, deque
 from collections.abc import Callable
-from dataclasses import dataclass
 import itertools
 import math
 import socket
@@ -52,7 +51,6 @@ from evgp_rcs.rules.catalogue import CATALOGUE
 from evgp_rcs.rules.link_quality import LinkQuality
 from evgp_rcs.rules.race import (
     Answer,
-    Command,
     Event,
     EventKind,
     LastRun,
@@ -117,29 +115,6 @@ class RosHalfGoneError(RuntimeError):
         super().__init__(f'the part that hears officials {how}')
 
 
-@dataclass
-class Waiting:
-    """
-    A command that is waiting for the server to judge it.
-
-    :param command: the command.
-    :param answered: called with the answer once the server has written every frame.
-    :param came: when the command arrived, in seconds by the rules' clock.
-    """
-
-    command: Command
-    answered: Callable[[Answer], None]
-    came: float
-
-    def is_late(self, now: float) -> bool:
-        """
-        Return whether the command has expired. Stops and RACE_OVER never expire.
-
-        The sender of an expired command has already been told that there is no answer.
-        """
-        return not CATALOGUE[self.command.kind].overtakes and now - self.came > ANSWER_TIMEOUT
-
-
 class _Allowance:
     """A token bucket that limits a peer to a burst, and then to `rate` events per second."""
 
@@ -195,8 +170,8 @@ class KartServer:
         self._left_behind = left_behind
         self._first_events = () if left_behind is None else self._feed(left_behind).events
         self._links: dict[int, KartLink] = {}
-        self._stops: deque[Waiting] = deque()
-        self._commands: deque[Waiting] = deque()
+        self._stops: deque[Request] = deque()
+        self._commands: deque[Request] = deque()
         self._sequence = itertools.count(1)
         self._gathered: list[StampedEvent] = []
         self._refusals = _Allowance(5)
@@ -272,15 +247,6 @@ class KartServer:
             raise self._failure
         return ends_as
 
-    def submit(self, command: Command, answered: Callable[[Answer], None], came: float) -> None:
-        """
-        Queue an official's command until ``take_commands`` judges it. All stops are judged first.
-
-        The parameters are those of `Waiting`.
-        """
-        waiting = Waiting(command, answered, came)
-        (self._stops if CATALOGUE[command.kind].overtakes else self._commands).append(waiting)
-
     def expect_ros_half(self, allowance: float) -> None:
         """
         Expect signs of life from the ROS half from now on.
@@ -321,8 +287,8 @@ class KartServer:
         )
 
     def _refuse_the_rest(self) -> None:
-        for waiting in (*self._stops, *self._commands):
-            waiting.answered(_ENDING)
+        for request in (*self._stops, *self._commands):
+            self._answer(request, _ENDING)
         self._stops.clear()
         self._commands.clear()
 
@@ -364,27 +330,24 @@ class KartServer:
         while self._stops or self._commands:
             now = self.now()
             self._notice_stall(now)
-            waiting = (self._stops or self._commands).popleft()
-            if waiting.is_late(now):
-                continue
-            if CATALOGUE[waiting.command.kind].loosens:
+            request = (self._stops or self._commands).popleft()
+            entry = CATALOGUE[request.command.kind]
+            if not entry.overtakes and now - request.came > ANSWER_TIMEOUT:
+                continue  # its sender has already been told that there is no answer
+            if entry.loosens:
                 if self._closing.is_set():
-                    waiting.answered(_ENDING)
+                    self._answer(request, _ENDING)
                     continue
                 # A race must not start without a record, so check whether the record works now.
                 self._note_record_trouble(now)
-            self._take(inputs.Commanded(now, waiting.command, waiting.came), waiting)
+            self._take(inputs.Commanded(now, request.command, request.came), request)
 
     def _hear(self, message: Any) -> None:
         """Handle a message from the ROS half. Each one shows that the ROS half accepts stops."""
         self._ros_half_heard_at = self.now()
         if isinstance(message, Request):
-            number = message.number
-            self.submit(
-                message.command,
-                lambda answer: self._ros_half.send(pack(Answered(number, answer))),
-                message.came,
-            )
+            overtakes = CATALOGUE[message.command.kind].overtakes
+            (self._stops if overtakes else self._commands).append(message)
         elif isinstance(message, Alive):
             if message.rival != self._race.has_rival:
                 self._take(inputs.Rival(self.now(), message.rival))
@@ -417,17 +380,20 @@ class KartServer:
         self._log.add(given)
         return inputs.feed(given, self._race)
 
-    def _take(self, given: inputs.Input, waiting: Waiting | None = None) -> None:
+    def _take(self, given: inputs.Input, request: Request | None = None) -> None:
         """
         Feed an input to the rules, and then send, answer and publish the results.
 
-        :param waiting: the command, if the input is a command.
+        :param request: the request, if the input is its command.
         """
         outcome = self._feed(given)
         self._send(outcome)
-        if outcome.answer is not None and waiting is not None:
-            waiting.answered(outcome.answer)
+        if outcome.answer is not None and request is not None:
+            self._answer(request, outcome.answer)
         self._publish_outcome(outcome.events, given.at)
+
+    def _answer(self, request: Request, answer: Answer) -> None:
+        self._ros_half.send(pack(Answered(request.number, answer)))
 
     def _send(self, outcome: Outcome) -> None:
         for order in outcome.orders:
