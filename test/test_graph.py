@@ -24,7 +24,7 @@ from evgp_testing.fixtures import StartBridge, StartRaceControl
 from evgp_testing.kart import Bridge
 from evgp_testing.official import Official
 from evgp_testing.process import executable, Process
-from evgp_testing.race_control import address_of, new_port, RaceControl
+from evgp_testing.race_control import address_of, RaceControl, settings, write_roster
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 from rig.console import Console
@@ -451,7 +451,7 @@ def test_race_control_does_not_start_when_its_graph_can_be_reached_from_where_ka
     monkeypatch.setenv(graph.INTERFACE, OFFICIALS)
     networks.own.ip('addr add 10.78.0.9/24 dev officials')
     with networks.own.inside():
-        control = parts.enter_context(race_control(parts, tmp_path, address='10.78.0.9'))
+        control = race_control(parts, tmp_path, address='10.78.0.9')
         monkeypatch.setattr(graph, 'reachable_at', lambda: (OFFICIALS,))
         for address in ('0.0.0.0', OFFICIALS):
             with pytest.raises(graph.GraphError, match=said):
@@ -479,7 +479,7 @@ def test_no_program_starts_on_an_interface_that_is_not_there(
     tmp_path: pathlib.Path,
 ) -> None:
     monkeypatch.setenv(graph.INTERFACE, '10.1.0.5')
-    control = parts.enter_context(race_control(parts, tmp_path))
+    control = race_control(parts, tmp_path)
     bridge = parts.enter_context(Bridge(domain, free_port(), '127.0.1.1'))
 
     assert (control.wait(), bridge.wait()) == (3, 3)  # it may be there later
@@ -493,14 +493,9 @@ def race_control(
     parts: contextlib.ExitStack, folder: pathlib.Path, **parameters: object
 ) -> Process:
     """Start a race control that need not come to listen."""
-    roster = folder / 'karts.yaml'
-    roster.write_text('karts:\n- {number: 1, team: A, address: 127.0.1.1, in_race: true}\n')
-    return Process(
-        'evgp_rcs',
-        'rcs_node',
-        parts.enter_context(Domain()).number,
-        {'roster': roster, 'record': folder / 'record.sqlite3', 'port': new_port(), **parameters},
-    )
+    domain = parts.enter_context(Domain()).number
+    given = {**settings(folder, write_roster(folder, [1])), **parameters}
+    return parts.enter_context(Process('evgp_rcs', 'rcs_node', domain, given))
 
 
 @pytest.mark.parametrize('named', ['0.0.0.0', '239.255.0.1', 'eth0'])

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import contextlib
 import ctypes
+import pathlib
 import random
 from typing import Any
 
@@ -53,6 +54,11 @@ ALL_KILL = msg.CommandAvailability.ALL_KILL
 OF_BRIDGE: dict[str, Any] = {'acknowledge': srv.Acknowledge, 'team_stop': SetBool}
 
 TEXTS = ['', '.', '/', '~', 'roster', 'use_sim_time', 'a' * 5000, '\0', 'ü', '{}', '%s%n', '..a']
+
+NAMES = (
+    *(b'', b'J\xfcrgen', b'\xff\xfe', b'\xc3(', b'\xed\xa0\x80', b'a\0b', b'\x1b[2J\r\n'),
+    b'x' * 2**20,
+)
 
 NUMBERS = {
     'uint8': [0, 1, 9, 10, 200, 255],
@@ -269,44 +275,24 @@ def test_a_name_that_is_no_text_and_random_messages_end_nothing(
     check_it_lives(name, hostile)
 
 
-@pytest.fixture(scope='module')
-def race(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireRace]:
-    """Return a race of one kart, for all that follows."""
-    folder = tmp_path_factory.mktemp('race')
-    with WireRace(folder, [1]) as started:
-        yield started
-
-
-@pytest.mark.parametrize(
-    'name',
-    [
-        b'',
-        b'J\xfcrgen',
-        b'\xff\xfe',
-        b'\xc3(',
-        b'\xed\xa0\x80',
-        b'a\0b',
-        b'\x1b[2J\r\n',
-        b'x' * 2**20,
-    ],
-    ids=lambda name: f'{name[:9]!r}',
-)
 def test_a_stop_acts_whatever_its_official_is_called(
-    race: WireRace, join_hostile: Callable[[int], Hostile], name: bytes
+    tmp_path: pathlib.Path, parts: contextlib.ExitStack, join_hostile: Callable[[int], Hostile]
 ) -> None:
-    race.bring_to(RaceState.IN_GARAGE)
-    heard = len(race.official.events)
+    race = parts.enter_context(WireRace(tmp_path, [1]))
     client = join_hostile(race.domain).client('/rcs/all_kill', SERVICES['all_kill'])
-
-    send(client, text_of(name))  # all of the request
-
-    race.karts[0].wait_for_state(RaceState.RED_RED)
-    told = race.official.wait_until(
-        lambda: [each for each in race.official.events[heard:] if each.command == ALL_KILL],
-        lambda: 'the stop',
-    )[0]
-    assert 0 < len(told.official) <= MOST
-    assert told.official.isprintable()
+    for name in NAMES:
+        heard = len(race.official.events)
+        send(client, text_of(name))  # all of the request
+        race.karts[0].wait_for_state(RaceState.RED_RED)
+        told = race.official.wait_until(
+            lambda heard=heard: [
+                each for each in race.official.events[heard:] if each.command == ALL_KILL
+            ],
+            lambda name=name: f'the stop of {name[:9]!r}',
+        )[0]
+        assert told.success
+        assert 0 < len(told.official) <= MOST
+        assert told.official.isprintable()
 
 
 # ----- what raises in a callback of ours --------------------------------------------------

@@ -32,13 +32,8 @@ def second(folder: pathlib.Path, domain: int, *arguments: str, **parameters: obj
     """Start another race control, at another port and with a record of its own."""
     own = folder / 'second'
     own.mkdir(exist_ok=True)
-    return Process(
-        'evgp_rcs',
-        'rcs_node',
-        domain,
-        {**settings(own, write_roster(own, [1])), **parameters},
-        arguments,
-    )
+    given = {**settings(own, write_roster(own, [1])), **parameters}
+    return Process('evgp_rcs', 'rcs_node', domain, given, arguments)
 
 
 def test_a_second_race_control_on_this_machine_does_not_start_and_the_first_goes_on(

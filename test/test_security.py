@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.official import SERVICES
 from evgp_testing.process import executable, Process
-from evgp_testing.race_control import new_port, Timekeeper, write_roster
+from evgp_testing.race_control import settings, Timekeeper, write_roster
 from evgp_testing.ros_side import RosSide
 from evgp_timing.corrections import CORRECTIONS
 import pytest
@@ -184,19 +184,12 @@ def test_race_control_does_not_start_where_security_is_demanded_and_cannot_be_ha
     domain: int, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A keystore without race control's enclave: with any RMW there is nothing to be secure by."""
-    roster = tmp_path / 'karts.yaml'
-    roster.write_text('karts:\n- {number: 1, team: A, address: 127.0.1.1, in_race: true}\n')
     monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
     monkeypatch.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
     monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path))
+    given = settings(tmp_path, write_roster(tmp_path, [1]))
 
-    with Process(
-        'evgp_rcs',
-        'rcs_node',
-        domain,
-        {'roster': roster, 'record': tmp_path / 'record.sqlite3', 'port': new_port()},
-        ('--enclave', '/rcs'),
-    ) as control:
+    with Process('evgp_rcs', 'rcs_node', domain, given, ('--enclave', '/rcs')) as control:
         assert control.wait() == 2
 
     assert 'SECURITY ERROR' in control.output
