@@ -309,10 +309,7 @@ def test_once_the_last_window_hangs_its_race_is_sent_red_flag(
 
 
 def test_an_alert_stays_until_it_is_seen_and_sounds_until_it_is_muted(
-    start_race_control: StartRaceControl,
-    open_console: OpenConsole,
-    connect_kart: ConnectKart,
-    tmp_path: pathlib.Path,
+    open_console: OpenConsole, domain: int, parts: contextlib.ExitStack, tmp_path: pathlib.Path
 ) -> None:
     player = tmp_path / 'bin' / 'pw-play'
     player.parent.mkdir()
@@ -320,16 +317,15 @@ def test_an_alert_stays_until_it_is_seen_and_sounds_until_it_is_muted(
     os.mkfifo(heard)
     player.write_text(f'#!/bin/sh\ncp "$1" {tmp_path}/alarm.wav\necho played > {heard}\n')
     player.chmod(player.stat().st_mode | stat.S_IXUSR)
-    control = start_race_control(in_race=(1,), red_alert=0.2)
-    console = open_console(control.domain, PATH=f'{player.parent}{os.pathsep}{os.environ["PATH"]}')
-    kart = connect_kart(control, 1)
-    see_karts(console, 1)
+    text, kind = 'Kart 1 (A) has not acknowledged RED_RED', msg.Alert.RED_UNACKNOWLEDGED
+    alert = msg.Alert(kind=kind, kart=1, use_msr=True, text=text)
+    speaker = parts.enter_context(Speaker(domain, msg.Race(alerts=[alert])))
+    console = open_console(domain, PATH=f'{player.parent}{os.pathsep}{os.environ["PATH"]}')
 
-    console.key('space')
     console.wait_for('banner', text=r'USE THE MSR\s1\s+\d+:\d+\s+Kart 1 .* has not acknow')
     assert heard.read_text() == 'played\n'
     assert (tmp_path / 'alarm.wav').read_bytes()[:4] == b'RIFF'
-    kart.say(RED_RED)
+    speaker.race = msg.Race()
     # It stays, and nothing of it still says to use the MSR.
     ended = console.wait_for('banner', text=r'ENDED\s+Kart 1 had not acknowledged RED RED')
     assert 'MSR' not in ended['text']
@@ -604,6 +600,7 @@ class Speaker(RosSide):
     """
     Speaks as a race control does, on a domain: it tells of a race, five times a second.
 
+    :param race: what it tells; another one may be put in its place.
     :param accepts: whether it accepts every stop; ``stops`` are their services and karts.
     """
 
@@ -617,9 +614,9 @@ class Speaker(RosSide):
                     f'rcs/{entry.service}',
                     functools.partial(self._accept, entry.service),
                 )
-        self.domain = domain
+        self.domain, self.race = domain, race
         publisher = self.node.create_publisher(msg.Race, 'rcs/race', latched(1))
-        self.node.create_timer(0.2, lambda: publisher.publish(race))
+        self.node.create_timer(0.2, lambda: publisher.publish(self.race))
         self.spin()
 
     def _accept(self, service: str, request: Any, response: Any) -> object:
@@ -630,9 +627,12 @@ class Speaker(RosSide):
         return response
 
     def wait_for_stop(self, service: str, kart: int = 0) -> None:
-        """Wait until the next stop has come, which must be this one."""
-        self.wait_until(lambda: self.stops, lambda: f'a stop: {service} {kart}')
-        assert self.stops.pop(0) == (service, kart)
+        """Wait until this stop has come, since the last one that was waited for."""
+        self.wait_until(
+            lambda: (service, kart) in self.stops,
+            lambda: f'the stop {service} {kart}; there came {self.stops}',
+        )
+        self.stops.clear()
 
 
 @pytest.fixture(scope='module')
