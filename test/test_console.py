@@ -19,7 +19,7 @@ import stat
 import subprocess
 import sys
 import time
-from typing import Any
+from typing import Any, cast
 
 from evgp_node.official import UNNAMED
 from evgp_node.qos import latched
@@ -38,6 +38,7 @@ from evgp_testing.process import freeze, Process
 from evgp_testing.race_control import RaceControl, Timekeeper
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges, WireKart
+from example_race import EVERYTHING, KART, RACE
 import pytest
 from recorded_races import PaperRace
 from rig.console import Console, SLOW
@@ -75,142 +76,10 @@ def open_console(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> OpenCon
     return open_
 
 
-@pytest.fixture(scope='module')
-def the_desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Desk, Console]]:
-    """Return a race control with three karts, and a window, for the tests that end neither."""
-    need_screen()
-    folder = tmp_path_factory.mktemp('desk')
-    given = {'finish_delays': '[0.2, 0.1]', 'officials': f'[Anna Meier, {NAME}]'}
-    with (
-        Domain() as domain,
-        RaceControl(folder, domain.number, (1, 2, 3), (), given) as control,
-        Official(domain.number) as official,
-        Screen() as screen,
-        Console(folder, domain.number, screen) as console,
-    ):
-        yield Desk(control, official), console
-
-
-@pytest.fixture
-def open_beside(the_desk: tuple[Desk, Console], connect_kart: ConnectKart) -> OpenBeside:
-    """Return a function that begins a race at that window, with karts that it shows."""
-    desk, console = the_desk
-
-    def open_(
-        *connected: int, in_race: tuple[int, ...] = ()
-    ) -> tuple[Console, list[WireKart], Official]:
-        desk.clear(*(in_race or connected))
-        with desk.official.news:
-            desk.official.events.clear()
-        karts = [connect_kart(desk.control, number, EACH_CHANGE) for number in connected]
-        see_karts(console, *connected)
-        return console, karts, desk.official
-
-    return open_
-
-
-def hold_down(console: Console, button: str) -> None:
-    """
-    Press the mouse on a button and keep it down.
-
-    A window that is held up, or has just changed, drops the press: then it is pressed again.
-    """
-    ends = time.monotonic() + PATIENCE
-    while time.monotonic() < ends:
-        console.screen.move(*console.place(button, barred='false'))
-        console.screen.press_button()
-        if console.becomes(button, SLOW, down=True):
-            return
-        console.screen.release_button()
-    raise AssertionError(f'{button} does not go down')
-
-
 def see_karts(console: Console, *numbers: int) -> None:
     """Return once the window shows these karts as connected."""
     for number in numbers:
         console.wait_for(f'kart_{number}', linked='true')
-
-
-# ----- a race -----------------------------------------------------------------------------
-
-
-def raced(karts: Iterable[WireKart], times: int) -> None:
-    """Check that karts were sent so many whole races, once back in the garage."""
-    for kart in karts:
-        kart.wait_for_state(IN_GARAGE)
-        states = [state for _, state in kart.changes]
-        assert states == [
-            *(IN_GARAGE, *(GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED, IN_GARAGE) * times)
-        ]
-
-
-def test_a_whole_race_by_clicks_and_one_by_keys_only(open_beside: OpenBeside) -> None:
-    console, karts, _ = open_beside(1, 2, in_race=(1,))
-
-    console.wait_for('join_race_2', barred='false')
-    console.press_on('join_race_2', see='leave_race_2')
-    console.wait_for('grid_active', barred='false')
-    console.press_on('grid_active', see='yes', text='track is clear of humans')
-    console.wait_for('yes', barred='false')
-    console.press_on('yes', see='green_green', barred='false')
-    console.press_on('green_green', see='yes', barred='false')
-    console.press_on('yes', see='kart_finish_2', barred='false')
-    console.press_on('kart_finish_2', see='kart_2', text='F1')
-    console.wait_for('kart_finish_1', barred='false')
-    console.press_on('kart_finish_1', see='state', text='RED RED')
-    console.wait_for('state_since', text='race over')
-    console.wait_for('in_garage', barred='false')
-    console.press_on('in_garage', see='yes', barred='false', text='track is safe for humans')
-    console.press_on('yes', see='state', text='IN GARAGE')
-    console.wait_for('open_track', barred='false')
-    console.press_on('open_track', see='yes', barred='false')
-    console.press_on('yes', see='humans', tone='good')
-    raced(karts, 1)
-
-    console.press_on('leave_race_2', see='join_race_2', barred='false')
-    console.press('2', 'ctrl+j', see='leave_race_2')
-    console.wait_for('grid_active', barred='false')
-    console.ask('F2', text='this command closes it')
-    console.press('y', see='green_green', barred='false')
-    console.wait_for('humans', text='KEEP OFF')
-    console.press('F3', see='no', focus=True)
-    console.press('Tab', see='yes', focus=True)
-    console.press('Return', see='kart_finish_2', barred='false')
-    console.press('b', see='kart_2', text='F1')
-    console.press('a', see='state', text='RED RED')
-    console.wait_for('in_garage', barred='false')
-    console.ask('F6')
-    console.press('F7', see='humans', tone='good')
-    raced(karts, 2)
-
-
-def test_after_the_msr_one_question_releases_the_karts_that_were_made_safe(
-    open_beside: OpenBeside,
-) -> None:
-    console, karts, official = open_beside(1, 2)
-    official.bring_to(GREEN_GREEN)
-    karts[0].close()
-    console.wait_for('kart_1', linked='false')
-    console.ask('F9')
-    console.press('y', see='state', text='RED RED')
-    karts[1].wait_for_state(RED_RED)
-    console.wait_for('in_garage', barred='false')
-
-    console.ask('F6')
-    console.wait_for('yes_and_more', text='kart 1 made safe by hand')
-    console.press('ctrl+g', see='kart_1', text=r'\A(?!(.|\n)*RED RED)')
-
-    console.wait_for('state', text='IN GARAGE')
-    karts[1].wait_for_state(IN_GARAGE)
-    official.wait_for_kart(1, lambda kart: not kart.hold_reason, 'its release')
-
-
-def count_of(official: Official, command: int) -> int:
-    """Return how often a command was given, as far as heard."""
-    return sum(event.command == command for event in official.events)
-
-
-# ----- the official's name ----------------------------------------------------------------
 
 
 def sender(official: Official, command: int) -> str:
@@ -219,32 +88,59 @@ def sender(official: Official, command: int) -> str:
     return str(told.official)
 
 
-def test_a_name_is_chosen_once_and_goes_with_every_command_also_of_the_next_window(
-    open_beside: OpenBeside, open_console: OpenConsole, tmp_path: pathlib.Path
-) -> None:
-    _, _, official = open_beside(in_race=(1,))
-    domain = official.context.get_domain_id()
-    console = open_console(domain)
-    console.wait_for('kart_1')
-    console.wait_for('official', text='Your name')
-    console.click('all_kill')
-    assert sender(official, msg.CommandAvailability.ALL_KILL).startswith(f'{UNNAMED} (')
-    console.press_on('official', see='official_2', text=f'^{NAME}$')
-    console.press_on('official_2', see='official', text=rf'\b{NAME}$')
-    console.wait_for('officials', visible=False)
-    console.press('F4', see='log', text=f'· {NAME}')
-    first = sender(official, msg.CommandAvailability.RED_FLAG)
-    kept = tmp_path / 'evgp_rcs' / 'official'
-    official.wait_until_polled(kept.exists, 'the name is kept')
-    assert kept.read_text() == f'{NAME}\n'
-    other = open_console(domain)
-    other.wait_for('official', text=NAME)
-    other.wait_for('kart_1')
-    other.key('1', 'ctrl+f')
-    second = sender(official, msg.CommandAvailability.KART_RED_FLAG)
-    assert first.startswith(f'{NAME} (')
-    assert second.startswith(f'{NAME} (')
-    assert first != second
+def assert_all_kill_is_in_reach(console: Console) -> None:
+    """Check that ALL KILL is wholly on the screen, and the largest of all buttons."""
+    widgets = console.widgets()
+    kill = widgets['all_kill']
+    assert kill['x'] >= 0
+    assert kill['y'] >= 0
+    assert kill['x'] + kill['width'] <= console.screen.width
+    assert kill['y'] + kill['height'] <= console.screen.height
+    assert kill['enabled']
+    others = [each for name, each in widgets.items() if name != 'all_kill' and each['button']]
+    assert max(each['width'] * each['height'] for each in others) < kill['width'] * kill['height']
+
+
+class Speaker(RosSide):
+    """
+    Speaks as a race control does, on a domain: it tells of a race, five times a second.
+
+    :param race: what it tells; another one may be put in its place.
+    :param accepts: whether it accepts every stop; ``stops`` are their services and karts.
+    """
+
+    def __init__(self, domain: int, race: msg.Race, accepts: bool = False) -> None:
+        super().__init__('rcs', domain)
+        self.stops: list[tuple[str, int]] = []
+        for entry in CATALOGUE.values():
+            if accepts and entry.stop:
+                self.node.create_service(
+                    getattr(srv, entry.service_type),
+                    f'rcs/{entry.service}',
+                    functools.partial(self._accept, entry.service),
+                )
+        self.domain, self.race = domain, race
+        publisher = self.node.create_publisher(msg.Race, 'rcs/race', latched(1))
+        self.node.create_timer(0.2, lambda: publisher.publish(self.race))
+        self.spin()
+
+    def _accept(self, service: str, request: Any, response: Any) -> object:
+        with self.news:
+            self.stops.append((service, getattr(request, 'kart', 0)))
+            self.news.notify_all()
+        response.success = True
+        return response
+
+    def wait_for_stop(self, service: str, kart: int = 0) -> None:
+        """Wait until this stop has come, since the last one that was waited for."""
+        self.wait_until(
+            lambda: (service, kart) in self.stops,
+            lambda: f'the stop {service} {kart}; there came {self.stops}',
+        )
+        self.stops.clear()
+
+
+# ----- a window that ends or hangs ----------------------------------------------------------
 
 
 def test_a_name_that_ros_takes_for_a_number_is_a_name(domain: int) -> None:
@@ -305,7 +201,68 @@ def test_once_the_last_window_hangs_its_race_is_sent_red_flag(
     console.kill()  # it would not end in time
 
 
-# ----- what is shown ----------------------------------------------------------------------
+def test_without_a_screen_the_window_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM'):
+        monkeypatch.delenv(name, raising=False)
+    need_qt()
+
+    with Process('evgp_rcs_console', 'rcs_gui', 20) as window:
+        code = window.wait()
+
+    assert (code, 'no screen' in window.output) == (2, True)
+
+
+def run_with_qt(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a program that uses Qt without a screen; skip the test where there is no Qt."""
+    need_qt()
+    return subprocess.run(
+        [sys.executable, '-c', code],
+        env={**os.environ, 'QT_QPA_PLATFORM': 'offscreen', **environment},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+    )
+
+
+def test_the_process_of_a_closed_window_ends_in_time_when_ros_hangs() -> None:
+    """DDS may hang with the interpreter's lock held; that cannot be brought about at will."""
+    code = (
+        'import ctypes, os, signal, sys\n'
+        'import rclpy\n'
+        'rclpy.try_shutdown = lambda: ctypes.PyDLL(None).sleep(3600)\n'
+        'from evgp_rcs_console.gui import main\n'
+        'sys.exit(main([], lambda window: os.kill(os.getpid(), signal.SIGTERM)))\n'
+    )
+
+    with Domain() as domain:
+        done = run_with_qt(code, ROS_DOMAIN_ID=str(domain.number))
+
+    assert done.returncode == 1
+    assert 'Timeout' in done.stderr  # and where it hung
+
+
+def test_the_locked_qt_loses_no_reference_to_none() -> None:
+    """Else Python ends the window after some thousand calls, in the middle of a race."""
+    code = (
+        'import sys\n'
+        'from evgp_rcs_console.qt import QtCore, QtWidgets\n'
+        'application = QtWidgets.QApplication([])\n'
+        'label = QtWidgets.QLabel()\n'
+        'before = sys.getrefcount(None)\n'
+        'for _ in range(1000):\n'
+        "    label.setText('text')\n"
+        '    label.setFixedWidth(10)\n'
+        "    label.property('none')\n"
+        'print(before - sys.getrefcount(None))\n'
+    )
+
+    done = run_with_qt(code)
+
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) < 100
+
+
+# ----- what is shown ------------------------------------------------------------------------
 
 
 def test_an_alert_stays_until_it_is_seen_and_sounds_until_it_is_muted(
@@ -333,20 +290,92 @@ def test_an_alert_stays_until_it_is_seen_and_sounds_until_it_is_muted(
     console.press('F10', see='standing', text='No alerts')
 
 
-def assert_all_kill_is_in_reach(console: Console) -> None:
-    """Check that ALL KILL is wholly on the screen, and the largest of all buttons."""
-    widgets = console.widgets()
-    kill = widgets['all_kill']
-    assert kill['x'] >= 0
-    assert kill['y'] >= 0
-    assert kill['x'] + kill['width'] <= console.screen.width
-    assert kill['y'] + kill['height'] <= console.screen.height
-    assert kill['enabled']
-    others = [each for name, each in widgets.items() if name != 'all_kill' and each['button']]
-    assert max(each['width'] * each['height'] for each in others) < kill['width'] * kill['height']
+def test_every_stop_is_pressed_until_race_control_is_back(
+    parts: contextlib.ExitStack,
+    domain: int,
+    open_console: OpenConsole,
+    connect_kart: ConnectKart,
+    tmp_path: pathlib.Path,
+) -> None:
+    console = open_console(domain)
+    console.wait_for('danger_title', text='NO RACE CONTROL YET')
+    console.wait_for('danger_detail', text=f'/rcs/race in ROS domain {domain}, on this m')
+    console.wait_for('standing', text='not known', tone='faint')
+    console.key('space')
+    console.wait_for('all_kill', pressing='true')
+    console.wait_for('kill_hint', text=r'SENT [3-9] times in \d\.\d s: no answer')
+    control = parts.enter_context(RaceControl(tmp_path, domain, (1, 2)))
+    console.wait_for('state', text='RED RED')
+    console.wait_for('all_kill', pressing='false')
+
+    # A service hangs, and the window does not: it says so, with the time. After a second, the kart
+    # server ends and wakes the frozen half, which says that its karts are lost.
+    control.signal(signal.SIGSTOP)
+    console.key('F4')
+    console.wait_for('status', text=r'RED FLAG: sent [2-9] times in .*(no answer|lost its karts)')
+    console.wait_for('danger_title', text='RACE CONTROL IS GONE')
+    console.wait_for('danger_advice', text='USE THE MSR')
+    control.wait()
+    console.key('1', 'ctrl+r')
+    console.wait_for('status', text='RED RED kart 1: sent [3-9] times in .* no answer. USE THE M')
+
+    new = {'record': tmp_path / 'another.sqlite3'}
+    again = parts.enter_context(RaceControl(tmp_path, domain, (1, 2), parameters=new))
+
+    for number, state in ((1, RED_RED), (2, RED_FLAG)):
+        connect_kart(again, number, EACH_CHANGE).wait_for_state(state)
+    console.wait_for('danger', visible=False)
+    console.wait_for('status', text='✓ .*RED (RED|FLAG)')
 
 
-# ----- pictures ---------------------------------------------------------------------------
+def test_stops_go_out_without_timing_as_with_it_and_the_letter_says_that_it_sends_nothing(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    connect_kart: ConnectKart,
+    open_console: OpenConsole,
+    parts: contextlib.ExitStack,
+    tmp_path: pathlib.Path,
+) -> None:
+    heats: dict[str, Any] = {'Final': {'karts': [1, 2, 3], 'laps': 2}}
+    control = start_race_control(in_race=(1, 2, 3), heats=heats)
+    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2, 3)]
+    official = join_official(control)
+    official.wait_for_connected(1, 2, 3)
+    console = open_console(control.domain)
+    official.command('set_heat', heat='Final')
+    official.bring_to(GREEN_GREEN)
+    console.wait_for('kart_3', text='driving')
+    console.wait_for('strip', text='no timing')
+    console.press('c', see='status', text='no timing, so the lap is unknown')
+    folder = tmp_path / f'domain_{control.domain}'
+    timekeeper = parts.enter_context(Timekeeper(folder, control.domain, {'min_lap_time': 1.0}))
+    console.wait_for('strip', text=r'\A(?!(.|\n)*no timing)')
+    console.wait_for('count_1')  # the timekeeper has heard of GREEN_GREEN
+    console.press('a', see='status', text='kart 1 crossed the line: counted')
+    # Each crossing is a lap after the last one: the letter was LAP, is LAP, and then FINISH.
+    for lap, button in ((1, 'kart_finish_1'), (2, 'kart_undo_finish_1')):
+        crosses = time.monotonic() + 1.2
+        official.wait_until_polled(lambda at=crosses: time.monotonic() > at, 'a lap')
+        console.press('a', see=button)
+        console.wait_for('kart_1', text=f'{lap}/2')
+    official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
+    freeze(timekeeper.pid)
+    console.press('b', see='status', text='LAP kart 2: no answer yet')
+    console.wait_for('strip', text='no timing')
+    console.press('c', see='status', text='no timing, so the lap is unknown')
+    assert karts[2].state is GREEN_GREEN
+
+    console.press('3', 'ctrl+e', see='kart_3', text='F[12]')
+    console.key('2', 'ctrl+f')
+    karts[1].wait_for_state(RED_FLAG)
+    console.key('space')
+
+    for kart in karts:
+        kart.wait_for_state(RED_RED)
+    console.wait_for('state', text='RED RED')
+
+
+# ----- pictures -----------------------------------------------------------------------------
 
 
 def fields_of(message: Any) -> dict[str, Any]:
@@ -437,57 +466,189 @@ def test_screenshots_of_every_state(
     assert len(list(folder.glob('*.png'))) >= 9
 
 
-# ----- timing -----------------------------------------------------------------------------
+LINKS = {
+    number: NOT_MEASURED._replace(grade=grade, worst_answer=worst, round_trip=0.004)
+    for number, grade, worst in (
+        (1, Grade.GOOD, 0.05),
+        (2, Grade.FAIR, 0.24),
+        (3, Grade.POOR, 0.62),
+        (4, Grade.GOOD, 0.05),
+    )
+}
+"""How good the link of each kart is; kart 5 is lost."""
 
 
-def test_stops_go_out_without_timing_as_with_it_and_the_letter_says_that_it_sends_nothing(
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-    connect_kart: ConnectKart,
-    open_console: OpenConsole,
-    parts: contextlib.ExitStack,
-    tmp_path: pathlib.Path,
+def race_with_links() -> msg.Race:
+    """Return a race by the rules, 34 s after GREEN_GREEN, which kart 3 has not acknowledged."""
+    paper = PaperRace(TEAMS)
+    paper.connect(*TEAMS)
+    paper.command(CommandKind.GRID_ACTIVE, official='Anna')
+    paper.acknowledge()
+    paper.command(CommandKind.GREEN_GREEN, official='Anna')
+    paper.wait(2.0)
+    for number in (1, 2, 4, 5):
+        paper.say(number)
+    paper.wait(23.0)
+    paper.lose(5)
+    paper.wait(8.0)
+    for number, link in LINKS.items():
+        paper.take(paper.race.measured(number, link, paper.now))
+    paper.wait(1.0)
+    clock_ns = time.time_ns() - round(paper.now * 1e9)
+    race: msg.Race = message_of(snapshot_of(paper.race, paper.now), msg.Race, clock_ns)
+    return race
+
+
+@pytest.mark.long
+def test_screenshots_of_links_that_are_good_fair_poor_and_lost_30_s_after_green(
+    parts: contextlib.ExitStack, domain: int, open_console: OpenConsole, tmp_path: pathlib.Path
 ) -> None:
-    heats: dict[str, Any] = {'Final': {'karts': [1, 2, 3], 'laps': 2}}
-    control = start_race_control(in_race=(1, 2, 3), heats=heats)
-    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2, 3)]
-    official = join_official(control)
-    official.wait_for_connected(1, 2, 3)
-    console = open_console(control.domain)
-    official.command('set_heat', heat='Final')
-    official.bring_to(GREEN_GREEN)
-    console.wait_for('kart_3', text='driving')
-    console.wait_for('strip', text='no timing')
-    console.press('c', see='status', text='no timing, so the lap is unknown')
-    folder = tmp_path / f'domain_{control.domain}'
-    timekeeper = parts.enter_context(Timekeeper(folder, control.domain, {'min_lap_time': 1.0}))
-    console.wait_for('strip', text=r'\A(?!(.|\n)*no timing)')
-    console.wait_for('count_1')  # the timekeeper has heard of GREEN_GREEN
-    console.press('a', see='status', text='kart 1 crossed the line: counted')
-    # Each crossing is a lap after the last one: the letter was LAP, is LAP, and then FINISH.
-    for lap, button in ((1, 'kart_finish_1'), (2, 'kart_undo_finish_1')):
-        crosses = time.monotonic() + 1.2
-        official.wait_until_polled(lambda at=crosses: time.monotonic() > at, 'a lap')
-        console.press('a', see=button)
-        console.wait_for('kart_1', text=f'{lap}/2')
-    official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
-    freeze(timekeeper.pid)
-    console.press('b', see='status', text='LAP kart 2: no answer yet')
-    console.wait_for('strip', text='no timing')
-    console.press('c', see='status', text='no timing, so the lap is unknown')
-    assert karts[2].state is GREEN_GREEN
+    parts.enter_context(Speaker(domain, race_with_links()))
+    console = open_console(domain)
 
-    console.press('3', 'ctrl+e', see='kart_3', text='F[12]')
-    console.key('2', 'ctrl+f')
-    karts[1].wait_for_state(RED_FLAG)
-    console.key('space')
+    console.wait_for('kart_3', linked='true', text='poor\n620 ms')
+    console.wait_for('kart_5', linked='false')
+    console.wait_for('strip', text='over 30 s: send RED FLAG if a kart.*\n.*waiting for 3, 5')
+    console.screenshot(pictures(tmp_path) / 'link.png')
 
+
+# ----- a race at one window -----------------------------------------------------------------
+
+
+@pytest.fixture(scope='module')
+def the_desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Desk, Console]]:
+    """Return a race control with three karts, and a window, for the tests that end neither."""
+    need_screen()
+    folder = tmp_path_factory.mktemp('desk')
+    given = {'finish_delays': '[0.2, 0.1]', 'officials': f'[Anna Meier, {NAME}]'}
+    with (
+        Domain() as domain,
+        RaceControl(folder, domain.number, (1, 2, 3), (), given) as control,
+        Official(domain.number) as official,
+        Screen() as screen,
+        Console(folder, domain.number, screen) as console,
+    ):
+        yield Desk(control, official), console
+
+
+@pytest.fixture
+def open_beside(the_desk: tuple[Desk, Console], connect_kart: ConnectKart) -> OpenBeside:
+    """Return a function that begins a race at that window, with karts that it shows."""
+    desk, console = the_desk
+
+    def open_(
+        *connected: int, in_race: tuple[int, ...] = ()
+    ) -> tuple[Console, list[WireKart], Official]:
+        desk.clear(*(in_race or connected))
+        with desk.official.news:
+            desk.official.events.clear()
+        karts = [connect_kart(desk.control, number, EACH_CHANGE) for number in connected]
+        see_karts(console, *connected)
+        return console, karts, desk.official
+
+    return open_
+
+
+def raced(karts: Iterable[WireKart], times: int) -> None:
+    """Check that karts were sent so many whole races, once back in the garage."""
     for kart in karts:
-        kart.wait_for_state(RED_RED)
-    console.wait_for('state', text='RED RED')
+        kart.wait_for_state(IN_GARAGE)
+        states = [state for _, state in kart.changes]
+        assert states == [
+            *(IN_GARAGE, *(GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED, IN_GARAGE) * times)
+        ]
 
 
-# ----- old keys and clicks ----------------------------------------------------------------
+def test_a_whole_race_by_clicks_and_one_by_keys_only(open_beside: OpenBeside) -> None:
+    console, karts, _ = open_beside(1, 2, in_race=(1,))
+
+    console.wait_for('join_race_2', barred='false')
+    console.press_on('join_race_2', see='leave_race_2')
+    console.wait_for('grid_active', barred='false')
+    console.press_on('grid_active', see='yes', text='track is clear of humans')
+    console.wait_for('yes', barred='false')
+    console.press_on('yes', see='green_green', barred='false')
+    console.press_on('green_green', see='yes', barred='false')
+    console.press_on('yes', see='kart_finish_2', barred='false')
+    console.press_on('kart_finish_2', see='kart_2', text='F1')
+    console.wait_for('kart_finish_1', barred='false')
+    console.press_on('kart_finish_1', see='state', text='RED RED')
+    console.wait_for('state_since', text='race over')
+    console.wait_for('in_garage', barred='false')
+    console.press_on('in_garage', see='yes', barred='false', text='track is safe for humans')
+    console.press_on('yes', see='state', text='IN GARAGE')
+    console.wait_for('open_track', barred='false')
+    console.press_on('open_track', see='yes', barred='false')
+    console.press_on('yes', see='humans', tone='good')
+    raced(karts, 1)
+
+    console.press_on('leave_race_2', see='join_race_2', barred='false')
+    console.press('2', 'ctrl+j', see='leave_race_2')
+    console.wait_for('grid_active', barred='false')
+    console.ask('F2', text='this command closes it')
+    console.press('y', see='green_green', barred='false')
+    console.wait_for('humans', text='KEEP OFF')
+    console.press('F3', see='no', focus=True)
+    console.press('Tab', see='yes', focus=True)
+    console.press('Return', see='kart_finish_2', barred='false')
+    console.press('b', see='kart_2', text='F1')
+    console.press('a', see='state', text='RED RED')
+    console.wait_for('in_garage', barred='false')
+    console.ask('F6')
+    console.press('F7', see='humans', tone='good')
+    raced(karts, 2)
+
+
+def test_after_the_msr_one_question_releases_the_karts_that_were_made_safe(
+    open_beside: OpenBeside,
+) -> None:
+    console, karts, official = open_beside(1, 2)
+    official.bring_to(GREEN_GREEN)
+    karts[0].close()
+    console.wait_for('kart_1', linked='false')
+    console.ask('F9')
+    console.press('y', see='state', text='RED RED')
+    karts[1].wait_for_state(RED_RED)
+    console.wait_for('in_garage', barred='false')
+
+    console.ask('F6')
+    console.wait_for('yes_and_more', text='kart 1 made safe by hand')
+    console.press('ctrl+g', see='kart_1', text=r'\A(?!(.|\n)*RED RED)')
+
+    console.wait_for('state', text='IN GARAGE')
+    karts[1].wait_for_state(IN_GARAGE)
+    official.wait_for_kart(1, lambda kart: not kart.hold_reason, 'its release')
+
+
+def test_a_name_is_chosen_once_and_goes_with_every_command_also_of_the_next_window(
+    open_beside: OpenBeside, open_console: OpenConsole, tmp_path: pathlib.Path
+) -> None:
+    _, _, official = open_beside(in_race=(1,))
+    domain = official.context.get_domain_id()
+    console = open_console(domain)
+    console.wait_for('kart_1')
+    console.wait_for('official', text='Your name')
+    console.click('all_kill')
+    assert sender(official, msg.CommandAvailability.ALL_KILL).startswith(f'{UNNAMED} (')
+    console.press_on('official', see='official_2', text=f'^{NAME}$')
+    console.press_on('official_2', see='official', text=rf'\b{NAME}$')
+    console.wait_for('officials', visible=False)
+    console.press('F4', see='log', text=f'· {NAME}')
+    first = sender(official, msg.CommandAvailability.RED_FLAG)
+    kept = tmp_path / 'evgp_rcs' / 'official'
+    official.wait_until_polled(kept.exists, 'the name is kept')
+    assert kept.read_text() == f'{NAME}\n'
+    other = open_console(domain)
+    other.wait_for('official', text=NAME)
+    other.wait_for('kart_1')
+    other.key('1', 'ctrl+f')
+    second = sender(official, msg.CommandAvailability.KART_RED_FLAG)
+    assert first.startswith(f'{NAME} (')
+    assert second.startswith(f'{NAME} (')
+    assert first != second
+
+
+# ----- old keys and clicks ------------------------------------------------------------------
 
 
 HELD_UP = 2.0
@@ -511,6 +672,27 @@ def held_up(console: Console, whole: bool = False) -> Iterator[None]:
         time.sleep(max(0.0, ends - time.monotonic()))  # what was typed becomes old
     finally:
         console.signal(signal.SIGCONT)
+
+
+def hold_down(console: Console, button: str) -> None:
+    """
+    Press the mouse on a button and keep it down.
+
+    A window that is held up, or has just changed, drops the press: then it is pressed again.
+    """
+    ends = time.monotonic() + PATIENCE
+    while time.monotonic() < ends:
+        console.screen.move(*console.place(button, barred='false'))
+        console.screen.press_button()
+        if console.becomes(button, SLOW, down=True):
+            return
+        console.screen.release_button()
+    raise AssertionError(f'{button} does not go down')
+
+
+def count_of(official: Official, command: int) -> int:
+    """Return how often a command was given, as far as heard."""
+    return sum(event.command == command for event in official.events)
 
 
 def test_what_was_pressed_while_the_window_hung_starts_no_race(open_beside: OpenBeside) -> None:
@@ -593,61 +775,53 @@ def test_a_stop_that_was_pressed_while_the_window_hung_acts(open_beside: OpenBes
     )
 
 
-# ----- what is shown of a race control that fails -----------------------------------------
+# ----- nothing keeps a stop -----------------------------------------------------------------
 
 
-class Speaker(RosSide):
-    """
-    Speaks as a race control does, on a domain: it tells of a race, five times a second.
+LONG = 'waiting for kart 17 (Technische Hochschule Ostwestfalen-Lippe): no GRID_ACTIVE yet; ' * 2
 
-    :param race: what it tells; another one may be put in its place.
-    :param accepts: whether it accepts every stop; ``stops`` are their services and karts.
-    """
 
-    def __init__(self, domain: int, race: msg.Race, accepts: bool = False) -> None:
-        super().__init__('rcs', domain)
-        self.stops: list[tuple[str, int]] = []
-        for entry in CATALOGUE.values():
-            if accepts and entry.stop:
-                self.node.create_service(
-                    getattr(srv, entry.service_type),
-                    f'rcs/{entry.service}',
-                    functools.partial(self._accept, entry.service),
-                )
-        self.domain, self.race = domain, race
-        publisher = self.node.create_publisher(msg.Race, 'rcs/race', latched(1))
-        self.node.create_timer(0.2, lambda: publisher.publish(self.race))
-        self.spin()
-
-    def _accept(self, service: str, request: Any, response: Any) -> object:
-        with self.news:
-            self.stops.append((service, getattr(request, 'kart', 0)))
-            self.news.notify_all()
-        response.success = True
-        return response
-
-    def wait_for_stop(self, service: str, kart: int = 0) -> None:
-        """Wait until this stop has come, since the last one that was waited for."""
-        self.wait_until(
-            lambda: (service, kart) in self.stops,
-            lambda: f'the stop {service} {kart}; there came {self.stops}',
+def lost_race(count: int) -> msg.Race:
+    """Return a race whose karts are all lost, and in which nothing but a stop is possible."""
+    commands = tuple(each._replace(available=False, reason=LONG) for each in EVERYTHING)
+    karts = tuple(
+        KART._replace(
+            number=number,
+            team=f'Team {number}' if number % 2 else f'Hochschule Nummer {number} und Söhne',
+            connected=False,
+            hold=RED_RED,
+            hold_reason='lost its connection in GREEN_GREEN',
+            may_be_moving=True,
+            place=number,
+            commands=commands,
         )
-        self.stops.clear()
+        for number in range(1, count + 1)
+    )
+    # With the banner's line there is the least room.
+    race = RACE._replace(karts=karts, commands=commands, banner='REHEARSAL')
+    return cast(msg.Race, message_of(race, msg.Race))
 
 
 @pytest.fixture(scope='module')
 def the_speaker(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Speaker, Console]]:
     """Return a speaker that accepts stops and offers nothing else, and a window on it."""
     need_screen()
-    race = race_of(range(1, 13), LONG)
     with (
         Domain() as domain,
-        Speaker(domain.number, race, accepts=True) as speaker,
+        Speaker(domain.number, lost_race(12), accepts=True) as speaker,
         Screen() as screen,
         Console(tmp_path_factory.mktemp('speaker'), domain.number, screen) as console,
     ):
         console.wait_for('kart_in_garage_12', barred='true')
         yield speaker, console
+
+
+@pytest.fixture
+def lay_out(the_speaker: tuple[Speaker, Console]) -> Iterator[Callable[..., object]]:
+    """Return what gives that window's screen another keyboard until the end of the test."""
+    _, console = the_speaker
+    yield console.screen.lay_out
+    console.screen.lay_out('us')
 
 
 def test_two_race_controls_that_are_heard_are_told_in_the_largest_type(
@@ -663,140 +837,6 @@ def test_two_race_controls_that_are_heard_are_told_in_the_largest_type(
         assert_all_kill_is_in_reach(console)
 
     console.wait_for('danger', visible=False)
-
-
-def test_every_stop_is_pressed_until_race_control_is_back(
-    parts: contextlib.ExitStack,
-    domain: int,
-    open_console: OpenConsole,
-    connect_kart: ConnectKart,
-    tmp_path: pathlib.Path,
-) -> None:
-    console = open_console(domain)
-    console.wait_for('danger_title', text='NO RACE CONTROL YET')
-    console.wait_for('danger_detail', text=f'/rcs/race in ROS domain {domain}, on this m')
-    console.wait_for('standing', text='not known', tone='faint')
-    console.key('space')
-    console.wait_for('all_kill', pressing='true')
-    console.wait_for('kill_hint', text=r'SENT [3-9] times in \d\.\d s: no answer')
-    control = parts.enter_context(RaceControl(tmp_path, domain, (1, 2)))
-    console.wait_for('state', text='RED RED')
-    console.wait_for('all_kill', pressing='false')
-
-    # A service hangs, and the window does not: it says so, with the time. After a second, the kart
-    # server ends and wakes the frozen half, which says that its karts are lost.
-    control.signal(signal.SIGSTOP)
-    console.key('F4')
-    console.wait_for('status', text=r'RED FLAG: sent [2-9] times in .*(no answer|lost its karts)')
-    console.wait_for('danger_title', text='RACE CONTROL IS GONE')
-    console.wait_for('danger_advice', text='USE THE MSR')
-    control.wait()
-    console.key('1', 'ctrl+r')
-    console.wait_for('status', text='RED RED kart 1: sent [3-9] times in .* no answer. USE THE M')
-
-    new = {'record': tmp_path / 'another.sqlite3'}
-    again = parts.enter_context(RaceControl(tmp_path, domain, (1, 2), parameters=new))
-
-    for number, state in ((1, RED_RED), (2, RED_FLAG)):
-        connect_kart(again, number, EACH_CHANGE).wait_for_state(state)
-    console.wait_for('danger', visible=False)
-    console.wait_for('status', text='✓ .*RED (RED|FLAG)')
-
-
-# ----- where things are ---------------------------------------------------------------------
-
-
-_TO_THE_RACE = ('GRID_ACTIVE', 'GREEN_GREEN', 'RED_FLAG', 'RACE_OVER', 'IN_GARAGE', 'RECORD_MSR')
-_TO_A_KART = tuple(kind.name for kind, entry in CATALOGUE.items() if entry.to_one_kart)
-LONG = 'waiting for kart 17 (Technische Hochschule Ostwestfalen-Lippe): no GRID_ACTIVE yet; ' * 2
-
-
-def offers(*names: str, reason: str) -> list[msg.CommandAvailability]:
-    """Return commands, available unless there is a reason why not."""
-    return [
-        msg.CommandAvailability(
-            command=getattr(msg.CommandAvailability, name),
-            available=not reason,
-            reason=reason,
-        )
-        for name in names
-    ]
-
-
-def race_of(numbers: Iterable[int], reason: str = '') -> msg.Race:
-    """Return a race of karts, with every command available unless there is a reason why not."""
-    state_now = msg.RaceState(state=msg.RaceState.GREEN_GREEN)
-    return msg.Race(
-        state=state_now,
-        karts=[
-            msg.KartStatus(
-                number=number,
-                team=f'Team {number}' if number % 2 else f'Hochschule Nummer {number} und Söhne',
-                in_race=True,
-                connected=not reason,
-                sent=state_now,
-                acknowledged=not reason,
-                hold=msg.RaceState(state=msg.RaceState.RED_RED if reason else 0),
-                hold_reason='lost its connection in GREEN_GREEN' if reason else '',
-                may_be_moving=bool(reason),
-                place=number if reason else 0,
-                commands=offers(*_TO_A_KART, reason=reason),
-            )
-            for number in numbers
-        ],
-        commands=offers(*_TO_THE_RACE, 'CLOSE_TRACK' if reason else 'OPEN_TRACK', reason=reason),
-        track=msg.TrackAccess(reason=reason or 'every connected kart is in IN_GARAGE'),
-        banner='REHEARSAL',  # with this line there is the least room
-    )
-
-
-LINKS = {
-    number: NOT_MEASURED._replace(grade=grade, worst_answer=worst, round_trip=0.004)
-    for number, grade, worst in (
-        (1, Grade.GOOD, 0.05),
-        (2, Grade.FAIR, 0.24),
-        (3, Grade.POOR, 0.62),
-        (4, Grade.GOOD, 0.05),
-    )
-}
-"""How good the link of each kart is; kart 5 is lost."""
-
-
-def race_with_links() -> msg.Race:
-    """Return a race by the rules, 34 s after GREEN_GREEN, which kart 3 has not acknowledged."""
-    paper = PaperRace(TEAMS)
-    paper.connect(*TEAMS)
-    paper.command(CommandKind.GRID_ACTIVE, official='Anna')
-    paper.acknowledge()
-    paper.command(CommandKind.GREEN_GREEN, official='Anna')
-    paper.wait(2.0)
-    for number in (1, 2, 4, 5):
-        paper.say(number)
-    paper.wait(23.0)
-    paper.lose(5)
-    paper.wait(8.0)
-    for number, link in LINKS.items():
-        paper.take(paper.race.measured(number, link, paper.now))
-    paper.wait(1.0)
-    clock_ns = time.time_ns() - round(paper.now * 1e9)
-    race: msg.Race = message_of(snapshot_of(paper.race, paper.now), msg.Race, clock_ns)
-    return race
-
-
-@pytest.mark.long
-def test_screenshots_of_links_that_are_good_fair_poor_and_lost_30_s_after_green(
-    parts: contextlib.ExitStack, domain: int, open_console: OpenConsole, tmp_path: pathlib.Path
-) -> None:
-    parts.enter_context(Speaker(domain, race_with_links()))
-    console = open_console(domain)
-
-    console.wait_for('kart_3', linked='true', text='poor\n620 ms')
-    console.wait_for('kart_5', linked='false')
-    console.wait_for('strip', text='over 30 s: send RED FLAG if a kart.*\n.*waiting for 3, 5')
-    console.screenshot(pictures(tmp_path) / 'link.png')
-
-
-# ----- nothing keeps a stop -----------------------------------------------------------------
 
 
 def test_nothing_that_opens_takes_a_stop(the_speaker: tuple[Speaker, Console]) -> None:
@@ -832,14 +872,6 @@ def test_nothing_that_opens_takes_a_stop(the_speaker: tuple[Speaker, Console]) -
         speaker.wait_for_stop('all_kill')
 
 
-@pytest.fixture
-def lay_out(the_speaker: tuple[Speaker, Console]) -> Iterator[Callable[..., object]]:
-    """Return what gives that window's screen another keyboard until the end of the test."""
-    _, console = the_speaker
-    yield console.screen.lay_out
-    console.screen.lay_out('us')
-
-
 @pytest.mark.parametrize('layout', [('fr', 'bepo'), ('ca',), ('de', 'neo'), ('bt',)], ids='-'.join)
 def test_the_space_bar_is_all_kill_on_every_layout_whatever_is_held_with_it(
     the_speaker: tuple[Speaker, Console],
@@ -873,67 +905,3 @@ def test_a_kart_is_stopped_on_a_keyboard_of_another_country(
     console.key(digit, 'ctrl+r')
 
     speaker.wait_for_stop('kart/red_red', kart)
-
-
-# ----- what is missing --------------------------------------------------------------------
-
-
-def test_without_a_screen_the_window_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM'):
-        monkeypatch.delenv(name, raising=False)
-    need_qt()
-
-    with Process('evgp_rcs_console', 'rcs_gui', 20) as window:
-        code = window.wait()
-
-    assert (code, 'no screen' in window.output) == (2, True)
-
-
-def run_with_qt(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run a program that uses Qt without a screen; skip the test where there is no Qt."""
-    need_qt()
-    return subprocess.run(
-        [sys.executable, '-c', code],
-        env={**os.environ, 'QT_QPA_PLATFORM': 'offscreen', **environment},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-    )
-
-
-def test_the_process_of_a_closed_window_ends_in_time_when_ros_hangs() -> None:
-    """DDS may hang with the interpreter's lock held; that cannot be brought about at will."""
-    code = (
-        'import ctypes, os, signal, sys\n'
-        'import rclpy\n'
-        'rclpy.try_shutdown = lambda: ctypes.PyDLL(None).sleep(3600)\n'
-        'from evgp_rcs_console.gui import main\n'
-        'sys.exit(main([], lambda window: os.kill(os.getpid(), signal.SIGTERM)))\n'
-    )
-
-    with Domain() as domain:
-        done = run_with_qt(code, ROS_DOMAIN_ID=str(domain.number))
-
-    assert done.returncode == 1
-    assert 'Timeout' in done.stderr  # and where it hung
-
-
-def test_the_locked_qt_loses_no_reference_to_none() -> None:
-    """Else Python ends the window after some thousand calls, in the middle of a race."""
-    code = (
-        'import sys\n'
-        'from evgp_rcs_console.qt import QtCore, QtWidgets\n'
-        'application = QtWidgets.QApplication([])\n'
-        'label = QtWidgets.QLabel()\n'
-        'before = sys.getrefcount(None)\n'
-        'for _ in range(1000):\n'
-        "    label.setText('text')\n"
-        '    label.setFixedWidth(10)\n'
-        "    label.property('none')\n"
-        'print(before - sys.getrefcount(None))\n'
-    )
-
-    done = run_with_qt(code)
-
-    assert done.returncode == 0, done.stderr
-    assert int(done.stdout) < 100
