@@ -179,17 +179,9 @@ class Walk:
 
     def questions(self) -> Iterator[Question]:
         """Yield every command that asks and can be given now."""
-        race = pickle.dumps(self.race)
-        shown = published(self.race, self.now)
-        screen = Screen(shown, 0.0, {})
-        for command in ASKING:
-            karts: tuple[KartSnapshot | None, ...] = (
-                shown.karts if CATALOGUE[command].to_one_kart else (None,)
-            )
-            for kart in karts:
-                button = screen.button(command, kart.number if kart else 0)
-                if button is None or not button.enabled:
-                    continue
+        race, shown = pickle.dumps(self.race), published(self.race, self.now)
+        for button in Screen(shown, 0.0, {}).buttons:
+            if button.command in ASKING and button.enabled:
                 yield Question(button, button.question.effects, shown, race, self.now)
 
 
