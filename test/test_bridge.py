@@ -458,7 +458,7 @@ def test_a_second_node_in_a_role_of_the_kart_stops_it_until_it_has_left(
         wait_for_stop(said)
     publish(Bool, 'msr', 10, Bool(data=False))(race.team)
     check(publish(String, 'tsr', 10), 'does not publish std_msgs/Bool: /second')
-    race.team.remote(False)
+    publish(Bool, 'tsr', 10, Bool(data=False))(race.team)
     race.team.drive_at(0.0)
     several = 'more than one publisher of ~/'
     for act, reason in (

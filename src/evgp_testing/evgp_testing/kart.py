@@ -19,10 +19,7 @@ from evgp_testing.official import Answer
 from evgp_testing.process import Process
 from evgp_testing.ros_side import RosSide
 from nav_msgs.msg import Odometry
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
-from rclpy.timer import Timer
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
@@ -81,10 +78,8 @@ class Team(RosSide):
         self.speed: float | None = None
         self.diagnostics: list[DiagnosticStatus] = []
         self._bridge = bridge
-        self._remote: Publisher | None = None
         self._driven = 0.0
         self._rolls = self._place = 0.0
-        self._driving: Timer | None = None
         self._acknowledge = self.node.create_client(srv.Acknowledge, f'{bridge}/acknowledge')
         self._team_stop = self.node.create_client(SetBool, f'{bridge}/team_stop')
         self.node.create_subscription(
@@ -114,23 +109,15 @@ class Team(RosSide):
         response: Any = self.request(self._acknowledge, request)
         return Answer(response.success, response.message)
 
-    def remote(self, stop: bool) -> None:
-        """Press or release the team's safety remote."""
-        if self._remote is None:
-            self._remote = self._publisher(Bool, 'tsr', QoSProfile(depth=10))
-        remote = self._remote
-        self.wait_until(lambda: remote.get_subscription_count() > 0, lambda: 'a bridge for ~/tsr')
-        remote.publish(Bool(data=stop))
-
     def drive_at(self, speed: float) -> None:
         """Publish this speed, in m/s, as odometry from now on, at 50 Hz."""
         self._driven = speed
         if self._odometry is None:
-            self._odometry = self._publisher(Odometry, 'odom', QoSProfile(depth=10))
-            self._driving = self.node.create_timer(0.02, self._publish_speed)
-        odometry = self._odometry
-        # The bridge subscribes, and so does this node.
-        self.wait_until(lambda: odometry.get_subscription_count() > 1, lambda: 'a bridge')
+            odometry = self.node.create_publisher(Odometry, f'{self._bridge}/odom', 10)
+            self._odometry = odometry
+            self.node.create_timer(0.02, self._publish_speed)
+            # The bridge subscribes, and so does this node.
+            self.wait_until_polled(lambda: odometry.get_subscription_count() > 1, 'a bridge')
         self.wait_for_speed(lambda heard: heard == speed or math.isnan(speed))
 
     def roll_at(self, speed: float) -> None:
@@ -174,20 +161,6 @@ class Team(RosSide):
         self.wait_until(
             lambda: any(map(found, self.diagnostics)),
             lambda: f'such a diagnostic; there is {self.diagnostics}',
-        )
-
-    def _publisher(self, kind: type, topic: str, qos: QoSProfile) -> Publisher:
-        """Return a publisher that wakes waiting threads once the bridge has found it."""
-
-        def matched(_: object) -> None:
-            with self.news:
-                self.news.notify_all()
-
-        return self.node.create_publisher(
-            kind,
-            f'{self._bridge}/{topic}',
-            qos,
-            event_callbacks=PublisherEventCallbacks(matched=matched),
         )
 
     def _publish_speed(self) -> None:
