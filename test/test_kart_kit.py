@@ -594,6 +594,7 @@ def test_a_kart_takes_no_more_of_a_cortex_m0_than_the_readme_says() -> None:
 
 
 EXAMPLES = ('posix.c', 'ESP32', 'W5500', 'example.py')
+ON_A_COMPUTER = pytest.mark.parametrize('example', ['posix.c', 'example.py'])
 StartExample = Callable[..., Program]
 
 
@@ -629,30 +630,16 @@ def start_example(
     return start
 
 
-@pytest.fixture(params=['posix.c', 'example.py'])
-def start_towards(
-    request: pytest.FixtureRequest,
-    command_of: Callable[[str], tuple[str, ...]],
-    parts: contextlib.ExitStack,
-) -> Callable[[str], Program]:
-    """Return a function that starts an example, for race control at an address."""
-
-    def start(address: str) -> Program:
-        command = *command_of(request.param)[:-1], address
-        return parts.enter_context(Program(request.param, command))
-
-    return start
-
-
-def test_an_example_says_why_it_is_not_connected(start_towards: Callable[[str], Program]) -> None:
-    kart = start_towards('255.255.255.255')  # no TCP connection leads there
-    kart.wait_for_line(os.strerror(errno.ENETUNREACH))
-
-
-def test_an_example_does_not_wait_while_a_name_is_looked_up(
-    start_towards: Callable[[str], Program],
+@ON_A_COMPUTER
+def test_an_example_says_why_it_is_not_connected_and_does_not_wait_to_look_a_name_up(
+    example: str, command_of: Callable[[str], tuple[str, ...]], parts: contextlib.ExitStack
 ) -> None:
-    assert start_towards('localhost').wait() != 0
+    def start(address: str) -> Program:
+        return parts.enter_context(Program(example, [*command_of(example)[:-1], address]))
+
+    # No TCP connection leads there.
+    start('255.255.255.255').wait_for_line(os.strerror(errno.ENETUNREACH))
+    assert start('localhost').wait() != 0
 
 
 def test_the_examples_in_python_do_not_slow_down_gently_once_they_may_not_drive(
@@ -718,7 +705,7 @@ def test_the_examples_drive_a_race_and_stop_when_the_real_race_control_hangs(
 
 
 @pytest.mark.parametrize('text', ['waits', 'has no reader', 'has nowhere to go'])
-@pytest.mark.parametrize('example', ['posix.c', 'example.py'])
+@ON_A_COMPUTER
 def test_text_that_nobody_takes_delays_no_stop_ends_no_kart_and_reaches_no_race_control(
     example: str,
     text: str,

@@ -23,6 +23,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_kart_bridge.lamp import lamp
 from evgp_kart_bridge.link import (
+    Input,
     LinkClosedError,
     LinkSettings,
     LinkStatus,
@@ -287,40 +288,41 @@ class KartBridge(StrictNode):
         def take(arbiter: Arbiter, now: float) -> Reaction:
             return arbiter.acknowledge(state, order, now) if state and order else arbiter.tick(now)
 
-        given = self._link.give(take)
-        try:
-            reaction = given.result(LINK_ANSWER_TIMEOUT)
-            verdict, refusal = reaction.verdict, reaction.refusal
-            if state is None or not order:  # someone called the service by hand, without a number
-                response.message = _to_paste(verdict)
-                return response
-            response.success = not refusal
-            response.message = refusal or f'{state.value} is acknowledged'
-            if refusal and verdict.commanded not in (None, state):
-                response.message += f'. `reached.state` must be one of {_NUMBERS}'
-        except (LinkClosedError, concurrent.futures.TimeoutError) as error:
-            response.message = self._unanswered(error)
+        reaction, response.message = self._ask(take)
+        if reaction is None:
+            return response
+        verdict, refusal = reaction.verdict, reaction.refusal
+        if state is None or not order:  # someone called the service by hand, without a number
+            response.message = _to_paste(verdict)
+            return response
+        response.success = not refusal
+        response.message = refusal or f'{state.value} is acknowledged'
+        if refusal and verdict.commanded not in (None, state):
+            response.message += f'. `reached.state` must be one of {_NUMBERS}'
         return response
 
     def _team_stop(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         engaged = request.data
-        given = self._link.give(
+        reaction, response.message = self._ask(
             lambda arbiter, now: arbiter.team_stop(StopSource.SERVICE, engaged, now)
         )
-        try:
-            verdict = given.result(LINK_ANSWER_TIMEOUT).verdict
+        if reaction is not None:
+            verdict = reaction.verdict
             response.success = verdict.team_stop or not engaged
             response.message = f'The kart obeys {verdict.state.value}' + (
                 f': {verdict.reason}' if verdict.reason else ''
             )
-        except (LinkClosedError, concurrent.futures.TimeoutError) as error:
-            response.message = self._unanswered(error)
         return response
 
-    def _unanswered(self, error: BaseException) -> str:
-        if isinstance(error, LinkClosedError):
-            return f'Not accepted: {error}'
-        return f'The bridge has not answered for {LINK_ANSWER_TIMEOUT:g} s. The kart must stop'
+    def _ask(self, take: Input) -> tuple[Reaction | None, str]:
+        """Pass an input to the link; return the reaction, or why there is none."""
+        try:
+            return self._link.give(take).result(LINK_ANSWER_TIMEOUT), ''
+        except LinkClosedError as error:
+            return None, f'Not accepted: {error}'
+        except concurrent.futures.TimeoutError:
+            silent = f'The bridge has not answered for {LINK_ANSWER_TIMEOUT:g} s'
+            return None, f'{silent}. The kart must stop'
 
     def _stop_by_topic(self, source: StopSource, engaged: bool) -> None:
         self._link.give(lambda arbiter, now: arbiter.team_stop(source, engaged, now))
