@@ -472,16 +472,13 @@ def test_a_second_node_in_a_role_of_the_kart_stops_it_until_it_has_left(
     ):
         check(act, reason)
     # Where stops could get lost, the kart stays stopped: nobody knows what was missed.
-    lost = 'publisher of ~/tsr or ~/msr is not RELIABLE'
-    for count, remote in enumerate(('tsr', 'msr'), 1):
+    lost = [f'a publisher of ~/{remote} is not RELIABLE' for remote in ('msr', 'tsr')]
+    for remote, reason in zip(('msr', 'tsr'), lost, strict=True):
         with RosSide('second', race.bridge.domain) as second:
             publish(Bool, remote, best_effort)(second)
-            race.team.wait_until_polled(
-                lambda count=count: race.bridge.output.count(f'A {lost}') == count, remote
-            )
-    told = race.team.wait_for(
-        lambda state: lost in state.reason and several not in state.reason, lost
-    )
+            wait_for_stop(reason)
+    told = race.team.wait_for(lambda state: several not in state.reason, 'the second to be gone')
+    assert all(reason in told.reason for reason in lost)
     assert (told.team_stop, state_of(told.state)) == (True, RED_RED)
 
 

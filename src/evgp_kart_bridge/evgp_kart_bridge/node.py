@@ -113,26 +113,15 @@ MOST_FIRST_ORDER = 2**52
 """Maximum number of a bridge's first order. JSON and JavaScript represent integers exactly only
 below 2**53, so this leaves room for later orders."""
 
-_ENDED = Verdict(
-    state=RaceState.RED_RED,
-    commanded=None,
-    order=0,
-    connected=False,
-    team_stop=False,
-    reached=None,
-    acknowledged=False,
-    reason='the bridge has ended',
-    may_drive=False,
+_ENDED = dataclasses.replace(
+    Arbiter(Settings(), first_order=1).verdict, reason='the bridge has ended'
 )
-
 
 ONE_PUBLISHER = ('~/race_state', '~/stop', '~/state', *REMOTES.values(), '~/odom')
 """The topics that may have only one publisher."""
 
 ONE_SERVER = ('~/acknowledge', '~/team_stop')
 """The services that may have only one server: another one may accept without doing anything."""
-
-UNRELIABLE = 'a publisher of ~/tsr or ~/msr is not RELIABLE; correct it and restart the bridge'
 
 _NUMBERS = ', '.join(f'{state_message(each).state} {each.value}' for each in RaceState)
 
@@ -218,8 +207,7 @@ class KartBridge(StrictNode):
         self._odometry_was_missed = False
         self._unread, self._never_moved = Lasting(UNREAD), Lasting(NEVER_MOVED)
         self._no_odometry, self._unacknowledged = Lasting(ODOMETRY_DUE), Lasting(UNACKNOWLEDGED)
-        self._until_diagnostics = 0
-        self._until_look = 0
+        self._turns = 0  # of the link
         # The link's thread triggers this condition. An executor that runs the callback can also
         # receive the team's messages. A timer would not work, because some middlewares wait for
         # timers by the wall clock.
@@ -229,7 +217,7 @@ class KartBridge(StrictNode):
         self._one_server = {name: self.resolve_service_name(name) for name in ONE_SERVER}
         if not hasattr(self, 'count_services'):  # missing in ROS 2 Humble
             self._one_server = {}
-        self._unreliable = False  # a publisher of a remote is not RELIABLE, or was not
+        self._unreliable: set[str] = set()  # remotes of which stops could get lost
         self._doubts = {StopSource.GRAPH: '', StopSource.ODOMETRIES: ''}
         # The number is random, so that a number from an earlier bridge does not match an order
         # from this one. The time would not work, because the clock of a computer without a battery
@@ -250,7 +238,7 @@ class KartBridge(StrictNode):
         for source, topic in REMOTES.items():
             # The second subscription also receives a stop latched before this bridge started.
             for qos, incompatible in (
-                (REMOTE_QOS, self._remote_unreliable),
+                (REMOTE_QOS, lambda _, topic=topic: self._distrust(topic)),
                 (LATCHED_REMOTE_QOS, lambda _: None),
             ):
                 self.create_subscription(
@@ -327,12 +315,9 @@ class KartBridge(StrictNode):
     def _stop_by_topic(self, source: StopSource, engaged: bool) -> None:
         self._link.give(lambda arbiter, now: arbiter.team_stop(source, engaged, now))
 
-    def _remote_unreliable(self, _: object) -> None:
-        self.get_logger().error(
-            'A publisher of ~/tsr or ~/msr is not RELIABLE, so its stops could get lost. The kart '
-            'stops. Publish with reliable QoS, and restart the bridge'
-        )
-        self._unreliable = True
+    def _distrust(self, remote: str) -> None:
+        """Stop the kart from now on, because a publisher of a remote is not RELIABLE."""
+        self._unreliable.add(remote)
         self._look_around()
 
     def _look_around(self) -> None:
@@ -342,7 +327,10 @@ class KartBridge(StrictNode):
         Also report that the team can be heard.
         """
         doubts: dict[StopSource, list[str]] = {
-            StopSource.GRAPH: [UNRELIABLE] if self._unreliable else [],
+            StopSource.GRAPH: [
+                f'a publisher of {each} is not RELIABLE; correct it and restart the bridge'
+                for each in sorted(self._unreliable)
+            ],
             StopSource.ODOMETRIES: [],
         }
         for name, topic in self._one_publisher.items():
@@ -432,14 +420,11 @@ class KartBridge(StrictNode):
                 throttle_duration_sec=10.0,
                 throttle_time_source_type=self._steady,
             )
-        if self._until_look <= 0:
-            self._until_look = round(REPEAT * LOOK_AROUND)
+        if self._turns % round(REPEAT * LOOK_AROUND) == 0:
             self._ask_to_look.trigger()
-        self._until_look -= 1
-        if self._until_diagnostics <= 0:
-            self._until_diagnostics = round(REPEAT)
+        if self._turns % round(REPEAT) == 0:
             self._diagnostics.publish(self._diagnostic(verdict, status))
-        self._until_diagnostics -= 1
+        self._turns += 1
 
     def _publish(self, verdict: Verdict, at: float) -> None:
         message = KartRaceState(
