@@ -345,8 +345,13 @@ def apply(arbiter: Arbiter, kind: str, value: Any, at: float) -> Input:
     )
 
 
-def check(history: History, verdict: Verdict, settings: Settings) -> None:
-    """Hold one verdict, and the answer that came with it, against the oracle."""
+def check(earlier: Oracle, history: History, verdict: Verdict) -> None:
+    """
+    Hold one verdict, and the answer that came with it, against the oracle.
+
+    :param earlier: the oracle before the last input.
+    """
+    settings = earlier.settings
     oracle = Oracle(history, settings)
     assert verdict.state is oracle.state
     assert verdict.commanded is oracle.commanded
@@ -373,8 +378,7 @@ def check(history: History, verdict: Verdict, settings: Settings) -> None:
     # The socket is given up when a connection that lived at the last input does not at this
     # one, and nobody said so.
     if last.kind not in ('connected', 'disconnected'):
-        lived = len(history) > 1 and Oracle(history[:-1], settings).since is not None
-        assert last.gave_up == (lived and oracle.since is None)
+        assert last.gave_up == (earlier.since is not None and oracle.since is None)
 
 
 # The small world: all durations are 1 (a speed is fresh for 0.5) and time passes in halves.
@@ -462,13 +466,14 @@ def explore(
     while front and steps < limit:
         behind, front = front, []
         for arbiter, history in behind:
+            earlier = Oracle(history, settings)
             for (kind, value), wait in itertools.product(inputs, (0.0, 0.5)):
                 later = copy.copy(arbiter)
                 note = apply(later, kind, value, history[-1].at + wait)
                 longer = (*history, note)
                 steps += 1
                 try:
-                    check(longer, later.verdict, settings)
+                    check(earlier, longer, later.verdict)
                 except AssertionError as error:
                     raise AssertionError(f'{error}\nafter {longer}\n{later.verdict}') from error
                 mark = fingerprint(later)
@@ -714,7 +719,7 @@ def test_random_histories_with_times_that_fit_no_grid_keep_the_rules(
 ) -> None:
     arbiter, now = Arbiter(settings, FIRST_ORDER), 0.0
     history: History = ()
-    check(history, arbiter.verdict, settings)
+    check(Oracle(history, settings), history, arbiter.verdict)
     for wait, step in steps:
         before, deadline = (arbiter.verdict, fingerprint(arbiter)), arbiter.deadline
         # Else it follows itself 50 times: 600 inputs, and the oracle's work is their square.
@@ -729,8 +734,9 @@ def test_random_histories_with_times_that_fit_no_grid_keep_the_rules(
         for kind, value in step:
             if kind == 'acknowledge' and value[0] == COMMANDED:
                 value = arbiter.verdict.commanded or RED, value[1]
+            earlier = Oracle(history, settings)
             history = (*history, apply(arbiter, kind, value, now))
-            check(history, arbiter.verdict, settings)
+            check(earlier, history, arbiter.verdict)
         if step is TICK_AT_THE_DEADLINE:
             assert before != (arbiter.verdict, fingerprint(arbiter))
             assert arbiter.deadline is None or arbiter.deadline > now
