@@ -20,6 +20,9 @@
         }                                                                                         \
     } while (0)
 
+/* Give the same input to a kart that reads whole pieces, and to one that reads byte by byte. */
+#define BOTH(input, ...) (input(&whole, __VA_ARGS__), input(&pieces, __VA_ARGS__))
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 static int same(const evgp_kart *one, const evgp_kart *other)
@@ -60,26 +63,21 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         switch (kind % 8) {
         case 0:
             if (!before.open || value % 16 == 0) {
-                evgp_kart_connected(&whole, now);
-                evgp_kart_connected(&pieces, now);
+                BOTH(evgp_kart_connected, now);
                 heard = 0;
             } else {
-                evgp_kart_tick(&whole, now);
-                evgp_kart_tick(&pieces, now);
+                BOTH(evgp_kart_tick, now);
             }
             break;
         case 1:
             if (value % 8 == 0) {
-                evgp_kart_closed(&whole, now);
-                evgp_kart_closed(&pieces, now);
+                BOTH(evgp_kart_closed, now);
             } else {
-                evgp_kart_tick(&whole, now);
-                evgp_kart_tick(&pieces, now);
+                BOTH(evgp_kart_tick, now);
             }
             break;
         case 2:
-            evgp_kart_team_stop(&whole, (evgp_stop_source)(value % 4), value >= 240, now);
-            evgp_kart_team_stop(&pieces, (evgp_stop_source)(value % 4), value >= 240, now);
+            BOTH(evgp_kart_team_stop, (evgp_stop_source)(value % 4), value >= 240, now);
             MUST(value % 4 < 3 || evgp_kart_verdict(&whole).team_stop); /* no source: a stop */
             break;
         case 3:
