@@ -68,6 +68,13 @@ def test_an_unknown_target_is_refused() -> None:
     assert 'unknown: kart' in done.stderr
 
 
+def pieces(old: bytes, new: bytes) -> re.Pattern[bytes]:
+    """Return the decoder's grammar with a fault."""
+    right = frames._PIECES
+    assert old in right.pattern
+    return re.compile(right.pattern.replace(old, new), right.flags)
+
+
 class Forgetful(frames.FrameDecoder):
     """Begins anew with every read."""
 
@@ -79,10 +86,10 @@ class Forgetful(frames.FrameDecoder):
 @pytest.mark.parametrize(
     ('target', 'owner', 'where', 'what'),
     [
-        ('decoder', frames, '_find_last', re.compile(rb'[;\x80-\xff]').search),
-        ('decoder', frames, '_find_last', re.compile(rb'[;$]').search),
-        ('decoder', frames, '_find_no_space', re.compile(rb'[^ \t\n]').search),
-        ('decoder', frames, 'MAX_FRAME_BYTES', 33),
+        ('decoder', frames, '_PIECES', pieces(rb'[^;$\x80-\xff]', rb'[^;\x80-\xff]')),
+        ('decoder', frames, '_PIECES', pieces(rb'[^;$\x80-\xff]', rb'[^;$]')),
+        ('decoder', frames, '_PIECES', pieces(rb'\r\n\0', rb'\n')),
+        ('decoder', frames, '_PIECES', pieces(rb'{0,30}', rb'{0,31}')),
         ('decoder', frames, 'FrameDecoder', Forgetful),
         ('roster', roster, '_truth', lambda node: True),
         ('roster', roster, '_team', lambda node: f' {node.value}'),

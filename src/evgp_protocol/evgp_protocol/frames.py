@@ -8,22 +8,10 @@ Race control, the kart's bridge and teams without ROS use the same decoder. It h
 clock, thread or log: the owner of the connection feeds it bytes and gets events. No bytes raise an
 error, because anything that is not a frame becomes a ``MalformedFrame``.
 
-Theory of operation. The decoder is always in one of three places:
-
-============== ===================================================== =======================
-place          what is kept                                          left by
-============== ===================================================== =======================
-between frames nothing                                               ``$`` → in a frame;
-                                                                     a stray byte → skipping
-in a frame     the frame so far, at most 31 bytes                    ``;`` → between frames;
-                                                                     ``$`` → in a new frame;
-                                                                     too long, or a byte that
-                                                                     is not ASCII → skipping
-skipping       nothing                                               ``$`` → in a frame
-============== ===================================================== =======================
-
-``$`` starts a new frame from every place, so a valid frame is found after any garbage. Each byte
-is examined once, by the C code of ``re``, wherever the reads cut the stream.
+Theory of operation. `_PIECES` is the grammar: it says what the next piece of a stream is, and
+where it ends. Between two reads, the decoder keeps only a frame that has begun, of at most 31
+bytes, or that it still skips what follows a malformed one. ``$`` starts a new frame everywhere, so
+a valid frame is found after any garbage. No byte lies outside the grammar.
 """
 
 from __future__ import annotations
@@ -39,13 +27,27 @@ DEFAULT_PORT = 12017
 MAX_FRAME_BYTES = 32
 """Maximum length of a frame, including ``$`` and ``;``, in bytes; the longest valid one has 13."""
 
-_FIRST = b'$'
-
-# Named so that tests can put faults into them.
 # NUL counts as space: clients with a buffer of fixed size send the rest of it.
-_find_no_space = re.compile(rb'[^ \t\r\n\0]').search
-_find_first = re.compile(rb'\$').search
-_find_last = re.compile(rb'[;$\x80-\xff]').search
+_PIECES = re.compile(
+    rb"""
+    (?P<space>   [ \t\r\n\0]+ )
+  | (?P<frame>   \$[^;$\x80-\xff]{0,30}; )
+  | (?P<begun>   \$[^;$\x80-\xff]{0,30} \Z )
+  | (?P<cut_off> \$[^;$\x80-\xff]{0,30} (?=\$) )
+  | (?P<high>    \$[^;$\x80-\xff]{0,30}[\x80-\xff] ) [^$]*
+  | (?P<long>    \$[^;$\x80-\xff]{31} ) [^$]*
+  | (?P<stray>   [^$] ) [^$]*
+    """,
+    re.DOTALL | re.VERBOSE,
+)
+
+_REASONS = {
+    'frame': 'not the name of a race state',
+    'cut_off': "cut off by the '$' of the next frame",
+    'high': 'a byte that is not ASCII in a frame',
+    'long': f"no ';' within {MAX_FRAME_BYTES} bytes",
+    'stray': "a byte outside a frame: each frame begins with '$'",
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,9 +87,9 @@ class FrameDecoder:
     """
 
     def __init__(self, ready_is_grid_active: bool = False) -> None:
-        self._valid = {state.value.encode('ascii'): StateFrame(state) for state in RaceState}
+        self._valid = {encode(state): StateFrame(state) for state in RaceState}
         if ready_is_grid_active:
-            self._valid[b'READY'] = StateFrame(RaceState.GRID_ACTIVE)
+            self._valid[b'$READY;'] = StateFrame(RaceState.GRID_ACTIVE)
         self._frame = b''  # the frame so far, '$' included; empty outside a frame
         self._skipping = False
 
@@ -108,55 +110,21 @@ class FrameDecoder:
         :param data: any number of bytes, including none.
         :return: the events, which do not depend on how the bytes are split.
         """
-        data = bytes(data)
+        stream, at = self._frame + bytes(data), 0
+        if self._skipping:
+            at = stream.find(b'$')
+            if at < 0:
+                return []
+        self._frame, self._skipping = b'', False
         events: list[StateFrame | MalformedFrame] = []
-        at = 0
-        while at < len(data):
-            go_on = self._inside if self._frame else self._outside
-            at = go_on(data, at, events)
+        for piece in _PIECES.finditer(stream, at):
+            kind = piece.lastgroup or ''
+            raw = piece[kind]
+            if kind == 'begun':
+                self._frame = raw
+            elif kind == 'frame' and raw in self._valid:
+                events.append(self._valid[raw])
+            elif kind != 'space':
+                events.append(MalformedFrame(_REASONS[kind], raw))
+                self._skipping = kind != 'frame' and piece.end() == len(stream)
         return events
-
-    def _outside(self, data: bytes, at: int, events: list[StateFrame | MalformedFrame]) -> int:
-        """Decode between frames, or while skipping, from `data[at]`; return where to continue."""
-        found = (_find_first if self._skipping else _find_no_space)(data, at)
-        if found is None:
-            return len(data)
-        if found.group() == _FIRST:
-            self._skipping = False
-            self._frame = _FIRST
-        else:
-            self._skipping = True
-            events.append(
-                MalformedFrame("a byte outside a frame: each frame begins with '$'", found.group())
-            )
-        return found.end()
-
-    def _inside(self, data: bytes, at: int, events: list[StateFrame | MalformedFrame]) -> int:
-        """Decode inside a frame from `data[at]`; return where to continue."""
-        end = min(len(data), at + MAX_FRAME_BYTES - len(self._frame))
-        found = _find_last(data, at, end)
-        if found is None:
-            self._frame += data[at:end]
-            if len(self._frame) == MAX_FRAME_BYTES:
-                self._give_up(f"no ';' within {MAX_FRAME_BYTES} bytes", events)
-            return end
-        last, end = found.group(), found.end()
-        self._frame += data[at:end]
-        if last == _FIRST:
-            cut_off = MalformedFrame("cut off by the '$' of the next frame", self._frame[:-1])
-            events.append(cut_off)
-            self._frame = _FIRST
-            return end
-        if last != b';':
-            self._give_up('a byte that is not ASCII in a frame', events)
-            return end
-        valid = self._valid.get(self._frame[1:-1])
-        events.append(valid or MalformedFrame('not the name of a race state', self._frame))
-        self._frame = b''
-        return end
-
-    def _give_up(self, reason: str, events: list[StateFrame | MalformedFrame]) -> None:
-        """Report the frame so far and skip the rest up to the next ``$``."""
-        events.append(MalformedFrame(reason, self._frame))
-        self._frame = b''
-        self._skipping = True
