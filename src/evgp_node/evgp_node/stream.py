@@ -159,23 +159,22 @@ class Stream(Generic[_Entry]):
         :param blocks: each block with its number, in order and compressed.
         :param only: if not empty, yield only entries of these types.
         """
-        expected = 0
-        why, damaged = '', False
+        expected, why = 0, ''  # why: what is damaged since the last readable entry
         for number, data in blocks:
             try:
                 block = Block.of(data)
                 entries = list(self.decode(block.data, only))
             except DamagedError as error:
-                why, damaged = why or f'block {number} is damaged: {error}', True
+                why = why or f'block {number} is damaged: {error}'
                 continue
             if block.entries < expected:
-                why, damaged = f'block {number} is not in its place', True
+                why = f'block {number} is not in its place'
                 continue
             if why or block.entries > expected:
                 lost = 'the disk did not store them, or someone removed them'
-                yield Gap(block.entries - expected, why or lost, damaged)
-                why, damaged = '', False
+                yield Gap(block.entries - expected, why or lost, bool(why))
+                why = ''
             yield from entries
             expected = block.entries + block.length
         if why:
-            yield Gap(0, why, damaged)
+            yield Gap(0, why, damaged=True)
