@@ -15,12 +15,10 @@ import time
 
 from evgp_node import graph
 from evgp_node.restarting import IN_THE_WAY
-from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.run_mark import place, RUN_BEGAN, RunMark
 from evgp_rcs.rules.race import LastRun
 from evgp_rcs.spare.copies import ORIGIN
-from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import executable, Process, Program
 from evgp_testing.race_control import RaceControl, settings, write_roster
@@ -33,28 +31,15 @@ class Event(Masters):
     """Two machines, of which the second is the first one's spare."""
 
     def start_first(self, monkeypatch: pytest.MonkeyPatch) -> RaceControl:
-        """Start race control on the first machine, with every kart connected, and copy it."""
-        folder = self.folder / 'first'
-        folder.mkdir()
+        """Start race control on the first machine, with every kart connected."""
         monkeypatch.setenv(graph.INTERFACE, FIRST)
-        with self.first.inside():
-            control = RaceControl(
-                folder,
-                self.domain,
-                NUMBERS,
-                parameters={'address': RACE_CONTROL, 'port': DEFAULT_PORT},
-                addresses=kart_address,
-                under=own_disk(self.folder / 'disk of the first'),
-            )
-        self.stack.enter_context(control)
+        control = self.start(self.first)
         self.wait_for(RaceState.IN_GARAGE)
         return control
 
     def copy(self) -> None:
-        (self.folder / 'first' / 'rcs.yaml').write_text(
-            '/**:\n  ros__parameters:\n    pause: 1.0\n'
-        )
-        folder = self.folder / 'first'
+        folder = self.folder / '1'  # of the first that was started
+        (folder / 'rcs.yaml').write_text('/**:\n  ros__parameters:\n    pause: 1.0\n')
         subprocess.run(
             [
                 *own_disk(self.folder / 'disk of the spare'),
@@ -96,14 +81,12 @@ def event(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Event:
 def test_a_spare_takes_over_and_sends_every_kart_red_red_and_ends_when_the_first_comes_back(
     event: Event,
     monkeypatch: pytest.MonkeyPatch,
-    parts: contextlib.ExitStack,
     record_property: Callable[[str, object], None],
 ) -> None:
     control = event.start_first(monkeypatch)
     with event.first.inside():
         graph.bind_graph()
-        official = Official(event.domain)
-    parts.callback(official.close)
+    official = event.official(event.first)
     official.wait_for_connected(*NUMBERS)
     official.bring_to(RaceState.GREEN_GREEN, *NUMBERS)
     official.command('kart/red_red', kart=3)
