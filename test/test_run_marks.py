@@ -86,13 +86,6 @@ class Machine:
         given = {'port': self.port, 'auto_race_over': False, **parameters}
         return WireRace(own, KARTS, others, others, given, under=under)
 
-    def end_well(self, folder: str = 'a') -> None:
-        """Have a run end with nothing under way, and an official who has stated so."""
-        with self.run(folder) as race:
-            race.official.command('set_track_open', open=True, no_race_anywhere=True)
-            race.official.command('set_track_open', open=False)
-            assert race.control.close() == 0
-
     def look(self, folder: str = 'a') -> Seen:
         """Start race control, and return what is seen first; it ends at once."""
         with self.run(folder) as race:
@@ -101,6 +94,13 @@ class Machine:
             seen = race.official.wait_for_race(lambda race: True, 'the race')
             race.control.lose_power()
             return Seen(sent_to(race), seen)
+
+
+def end_well(race: WireRace) -> None:
+    """Have a run end with nothing under way, and an official who has stated so."""
+    race.official.command('set_track_open', open=True, no_race_anywhere=True)
+    race.official.command('set_track_open', open=False)
+    assert race.control.close() == 0
 
 
 def sent_to(race: WireRace) -> set[RaceState | None]:
@@ -122,7 +122,8 @@ def test_after_a_crash_no_start_on_this_machine_proves_anything_whatever_record_
     machine: Machine,
 ) -> None:
     """User, record, disk, home, ROS_HOME, unit, folder and roster are all other ones."""
-    machine.end_well()
+    with machine.run() as race:
+        end_well(race)
     assert machine.mark.read_text(encoding='ascii').strip() == LastRun.ENDED.value
     with tempfile.TemporaryDirectory(dir='/dev/shm') as folder:
         pathlib.Path(folder).chmod(0o777)
@@ -145,9 +146,8 @@ def test_on_a_new_machine_and_after_a_good_end_it_begins_in_the_garage_with_any_
             kart.wait_for_state(IN_GARAGE)
         seen = race.official.wait_for_race(lambda race: True, 'the race')
         assert (state_of(seen.state), seen.track.open) == (IN_GARAGE, False)
-        assert race.control.close() == 0
-    machine.end_well('b')
-    assert machine.look('a').begins
+        end_well(race)
+    assert machine.look('b').begins
 
 
 # ----- a place that is not the machine's, or cannot be written -------------------------------
@@ -157,7 +157,7 @@ def test_on_a_new_machine_and_after_a_good_end_it_begins_in_the_garage_with_any_
 def test_where_the_place_of_the_mark_is_private_nothing_is_proved_and_no_race_starts(
     machine: Machine,
 ) -> None:
-    machine.end_well()
+    leave(machine.mark, LastRun.ENDED)
     private = machine.folder / 'systemd-private-1f-evgp-rcs.service'  # of PrivateTmp=yes
     private.mkdir()
     with machine.run(under=own_disk(private / 'tmp')) as race:
