@@ -96,12 +96,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _options() -> argparse.ArgumentParser:
     """Return the parser. Its own options, those of `show`, are for help and completion only."""
     options = argparse.ArgumentParser(
-        prog=CALLED, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog=CALLED,
+        usage=f'{CALLED} [subcommand] [FILE] [options]',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _add_options(options, timeline)
     options.description = 'Look at what race control recorded.'
     options.epilog = NOTES.replace('rcs_record', CALLED).replace('FILE', str(default_path()))
-    ways = options.add_subparsers(metavar='subcommand')
+    ways = options.add_subparsers(prog=CALLED, metavar='subcommand')
     for name, (module, what) in WAYS.items():
         way = ways.add_parser(name, help=what)
         way.add_argument(

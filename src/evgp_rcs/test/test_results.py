@@ -219,7 +219,7 @@ def test_a_day_ends_with_hours_without_race_control_and_not_at_midnight(
     times = [(at * 3600 * 10**9, (at + 1) * 3600 * 10**9) for at in began]
     listed = [Session(n, at, None, 1, end, str(n)) for n, (at, end) in enumerate(times)]
     with contextlib.closing(sqlite3.connect(':memory:')) as database:
-        runs = Runs(tmp_path, database, listed, None)
+        runs = Runs(tmp_path, database, listed)
         days = [[each.number for each in runs.day_of(run)] for run in listed]
     assert days == [[0], [1, 2, 3], [1, 2, 3], [1, 2, 3], [4]]
 

@@ -300,7 +300,7 @@ class Replay:
             )
         if self.missing:
             return PARTLY, [*lines, f'The replay is incomplete: {self.missing}']
-        if self.kept.goes_on:
+        if run.goes_on:
             lines.append('Race control is still writing this run, which was replayed up to now.')
         elif run.ended_ns is None:
             lines.append('This run did not end normally. It was replayed up to its last entry.')

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 import contextlib
-from dataclasses import dataclass
+import dataclasses
 import os
 import pathlib
 import re
@@ -78,17 +78,12 @@ def put(text: str, output: pathlib.Path | None, what: str) -> int:
     return DONE
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Kept:
-    """
-    The stream of a run, as read from the record.
-
-    :param goes_on: whether race control is still writing the run.
-    """
+    """The stream of a run, as read from the record."""
 
     run: Session
     blocks: list[tuple[int, bytes]]
-    goes_on: bool = False
 
     def entries(self) -> Iterator[Entry | Gap]:
         """Yield the entries and gaps and show the progress on a terminal."""
@@ -113,20 +108,18 @@ class Kept:
             yield entry
 
 
-@dataclass
+@dataclasses.dataclass
 class Runs:
     """
     A record that is open for reading.
 
     :param listed: every run, oldest first.
-    :param present: the run that race control is writing now.
     :param damage: why the file had to be repaired; empty if that was not necessary.
     """
 
     file: pathlib.Path
     database: sqlite3.Connection
     listed: list[Session]
-    present: Session | None
     damage: str = ''
 
     @property
@@ -160,8 +153,7 @@ class Runs:
 
     def read(self, run: Session) -> Kept:
         """Read the stream of a run."""
-        blocks = list(blocks_of(self.database, run.number))
-        return Kept(run, blocks, run is self.present)
+        return Kept(run, list(blocks_of(self.database, run.number)))
 
 
 @contextlib.contextmanager
@@ -184,11 +176,10 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
                 folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
                 database = stack.enter_context(contextlib.closing(_mended(file, folder, damage)))
             _check_schema(file, database)
-            runs = Runs(file, database, [*sessions(database)], None, damage)
-            # Race control writes only the newest run.
-            if runs.listed and is_being_written(file):
-                runs.present = runs.listed[-1]
-            yield runs
+            listed = [*sessions(database)]
+            if listed and is_being_written(file):  # only the newest run
+                listed[-1] = dataclasses.replace(listed[-1], goes_on=True)
+            yield Runs(file, database, listed, damage)
     except sqlite3.Error as error:
         raise UnreadableError(f'{file} {_why_unreadable(error)}') from error
     except OSError as error:

@@ -80,6 +80,7 @@ class Session:
     :param events: number of its last event.
     :param last_ns: wall time of its last event.
     :param id: id of the run (``Began``); empty if it cannot be read.
+    :param goes_on: whether race control is still writing it.
     """
 
     number: int
@@ -88,6 +89,7 @@ class Session:
     events: int
     last_ns: int
     id: str  # noqa: A003 - the field's name
+    goes_on: bool = False
 
 
 def rules_version() -> str:

@@ -50,7 +50,7 @@ def main(wanted: argparse.Namespace) -> int:
     with open_runs(wanted.file) as runs:
         if wanted.list:
             for each in runs.listed:
-                print(_describe(each, each is runs.present))
+                print(_describe(each))
             return runs.code
         run = runs.choose(wanted.run)
         kept = runs.read(run)
@@ -62,17 +62,17 @@ def main(wanted: argparse.Namespace) -> int:
         for gap in gaps:
             say(str(gap))
         return PARTLY if gaps else runs.code
-    print(_describe(run, run is runs.present))
+    print(_describe(run))
     is_whole = _print_timeline(kept, wanted.kart)
     return runs.code if is_whole else PARTLY
 
 
-def _describe(run: Session, present: bool) -> str:
+def _describe(run: Session) -> str:
     clock = Clock(run.began_ns)
     ended = 'did not end normally' if run.ended_ns is None else clock.time(run.ended_ns, 3)
     if not run.events:
         ended = 'did not start'
-    if present:
+    if run.goes_on:
         ended = 'still running'
     began = f'{clock.moment(run.began_ns):%Y-%m-%d} {clock.time(run.began_ns, 3)}'
     return f'{run.number:4}  {began} - {ended}  {run.events} events'

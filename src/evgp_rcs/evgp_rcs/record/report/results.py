@@ -124,7 +124,7 @@ def main(wanted: argparse.Namespace) -> int:
                 )
             elif race.green is None:
                 say(f'race {race.number} of run {run} was never started')
-        if account.kept.goes_on:
+        if account.kept.run.goes_on:
             say(f'race control is still writing run {run}; these are the results up to now')
     stream = io.StringIO()
     csv.writer(stream, lineterminator='\n').writerows([COLUMNS, *rows])
