@@ -179,6 +179,28 @@ def test_a_disk_that_keeps_up_is_no_trouble_although_it_is_looked_at_only_when_s
         time.sleep(0.3)  # what is tested is that time goes by
 
 
+def test_a_disk_that_writes_each_event_in_time_is_no_trouble_although_there_is_always_one_waiting(
+    path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = Record.write
+
+    def slow_write(record: Record) -> bool:
+        time.sleep(0.2)
+        return write(record)
+
+    monkeypatch.setattr(record_process, 'SLOW', 0.8)
+    with monkeypatch.context() as in_the_process:
+        in_the_process.setattr(Record, 'write', slow_write)
+        record = RecordProcess(path, path.with_name('mark'))
+    record._socket.setblocking(False)
+    for number in range(1, 41):
+        put(record, number)
+        time.sleep(0.05)  # what is tested is that time goes by
+        record.look()
+        assert record.trouble() == ''
+    record.end(PATIENCE, LastRun.UNKNOWN)
+
+
 def test_a_disk_that_takes_nothing_is_trouble_and_no_grid_is_told_to_be_there(
     path: pathlib.Path,
 ) -> None:

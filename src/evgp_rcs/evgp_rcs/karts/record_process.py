@@ -78,12 +78,12 @@ class RecordProcess:
         other.close()
         self._end = LocalEnd(end)
         self._socket = end
-        self._unwritten: deque[tuple[int, int]] = deque()  # events, bytes of each batch
+        # Of each batch, when it was sent, and its events and bytes.
+        self._unwritten: deque[tuple[float, int, int]] = deque()
         self._events = 0  # not yet written
         self._bytes = 0
         self._lost = 0
         self._full = False
-        self._caught_up_at = time.monotonic()
         self._saved = 0
         self.on_saved: Callable[[int], None] = lambda grid: None
         self._remembered: RaceMemory | None = None
@@ -111,9 +111,7 @@ class RecordProcess:
             self._lost += events
             self._full = True
             return
-        if not self._events:
-            self._caught_up_at = time.monotonic()
-        self._unwritten.append((events, size))
+        self._unwritten.append((time.monotonic(), events, size))
         self._events += events
         self._bytes += size
         self._end.send(data)
@@ -129,7 +127,7 @@ class RecordProcess:
         """Read the messages that the process has sent."""
         for batches, error, grid in self._end.receive():
             for _ in range(batches):
-                events, size = self._unwritten.popleft()
+                _, events, size = self._unwritten.popleft()
                 self._events -= events
                 self._bytes -= size
             self._error = error
@@ -142,13 +140,12 @@ class RecordProcess:
         """Return why the record is failing, as a sentence for officials. Empty if it works."""
         # Unlike the rules' clock, this one skips suspends, because those do not slow the disk.
         now = time.monotonic()
-        if not self._events:
-            self._caught_up_at = now
+        waits = now - next((since for since, events, _ in self._unwritten if events), now)
         reason = self._error
         if self._end.gone:
             reason = 'its process has ended. Restart race control when no kart is on the track'
-        elif not reason and now - self._caught_up_at > SLOW:
-            reason = f'nothing could be written for {now - self._caught_up_at:.0f} s'
+        elif not reason and waits > SLOW:
+            reason = f'nothing could be written for {waits:.0f} s'
         elif not reason and self._full:
             reason = 'events come faster than the disk can write them'
         if not reason:
