@@ -61,10 +61,10 @@ def path(tmp_path: pathlib.Path) -> pathlib.Path:
 
 @pytest.fixture(scope='module')
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
-    """Return a record of a hundred pages: a short run, and a long one with what went into it."""
+    """Return a record of dozens of pages: a short run, and a long one with what went into it."""
     path = tmp_path_factory.mktemp('recorded') / 'record.sqlite3'
     PaperRace({7: 'Purdue'}).write(path)
-    an_ended_run(steps=4000).write(path)
+    an_ended_run(steps=1000).write(path)
     return path
 
 

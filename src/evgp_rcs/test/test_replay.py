@@ -112,19 +112,17 @@ class Running(PaperRace):
 
     def any_command(self, kart: int) -> inputs.Input:
         """Return a command, mostly one that would be accepted."""
-        offers = [
-            self.race.availability(kind, kart if entry.to_one_kart else 0, self.now)
-            for kind, entry in CATALOGUE.items()
-        ]
-        offered = [each for each in offers if each.available or self.chance.random() < 0.2]
-        each = self.chance.choice(offered)
-        one = CATALOGUE[each.command].to_one_kart
+        for kind in self.chance.sample([*CATALOGUE], len(CATALOGUE)):
+            number = kart if CATALOGUE[kind].to_one_kart else 0
+            each = self.race.availability(kind, number, self.now)
+            if each.available or self.chance.random() < 0.2:
+                break
         command = Command(
             each.command,
-            kart if one else 0,
+            number,
             self.chance.random() < 0.9,
             frozenset(each.karts),
-            self.race.karts[kart].hold if one else None,
+            self.race.karts[kart].hold if number else None,
             self.chance.choice(('first', 'second', 'none')),
             self.chance.choice(('', 'Anna', '<b>')),
         )
