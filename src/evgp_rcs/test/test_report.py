@@ -47,7 +47,7 @@ from evgp_rcs.record.report.model import (
     Why,
 )
 from evgp_rcs.record.report.wording import Clock
-from evgp_rcs.record.runs import DONE, open_runs, PARTLY, UNREADABLE
+from evgp_rcs.record.runs import DONE, open_runs, PARTLY, UNREADABLE, UnreadableError
 from evgp_rcs.record.store import Record
 from evgp_rcs.record.timing import BOOK
 from evgp_rcs.rules import inputs
@@ -440,7 +440,7 @@ def test_a_time_is_given_as_the_clock_showed_it(text: str, seconds: float) -> No
 
 @pytest.mark.parametrize('text', ['', 'noon', '25:00', '12', '+', '-5', '12:00:00:00'])
 def test_what_is_no_time_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match='not a time'):
+    with pytest.raises(UnreadableError, match='not a time'):
         seconds_of(text, Clock(0))
 
 

@@ -47,7 +47,7 @@ would depend on the reader's time zone.)"""
 
 
 class UnreadableError(RuntimeError):
-    """The record, or the run in it, cannot be read. The text says why, and what to do."""
+    """The record, the run or the part of it cannot be read. The text says why, and what to do."""
 
 
 CALLED = os.environ.get('EVGP_CALLED', 'rcs_record')

@@ -61,10 +61,7 @@ def main(wanted: argparse.Namespace) -> int:
         sums = _sums(runs, kept)
     # The record is closed by now, so that race control does not wait for the rest.
     account = Account(kept, timing_of(wanted.file))
-    try:
-        part = _part(account, wanted.start, wanted.end, wanted.kart)
-    except ValueError as error:
-        raise UnreadableError(str(error)) from error
+    part = _part(account, wanted.start, wanted.end, wanted.kart)
     written = page(runs, account, part, sums, wanted.event)
     what = f'run {run.number}, {len(account.events)} events'
     return put(written, wanted.output, what) or (PARTLY if account.gaps else runs.code)
@@ -109,12 +106,14 @@ def _part(account: Account, start: str | None, end: str | None, kart: int | None
         kart,
     )
     if part.start > account.length:
-        raise ValueError(f'--from {start}: the run had ended at {clock.at(account.length, 1)}')
+        raise UnreadableError(
+            f'--from {start}: the run had ended at {clock.at(account.length, 1)}'
+        )
     if part.end < part.start:
-        raise ValueError(f'--to {end}: the part begins later')
+        raise UnreadableError(f'--to {end}: the part begins later')
     if kart is not None and kart not in account.lanes:
         known = ', '.join(map(str, account.lanes)) or 'no kart'
-        raise ValueError(f'--kart {kart}: the run has {known}')
+        raise UnreadableError(f'--kart {kart}: the run has {known}')
     return part
 
 
@@ -122,7 +121,7 @@ def seconds_of(text: str, clock: Clock) -> float:
     """
     Return the seconds from the first event to a time from the command line.
 
-    :raises ValueError: if the text is not a time.
+    :raises UnreadableError: if the text is not a time.
     """
     began = clock.moment(clock.began_ns)
     if re.fullmatch(r'\+\d+(\.\d+)?', text):
@@ -135,7 +134,7 @@ def seconds_of(text: str, clock: Clock) -> float:
         )
     except ValueError as error:
         examples = '14:05:30, 2026-05-30T14:05, +90'
-        raise ValueError(f'{text} is not a time. Examples: {examples}') from error
+        raise UnreadableError(f'{text} is not a time. Examples: {examples}') from error
     at = (moment.replace(tzinfo=moment.tzinfo or clock.zone) - began).total_seconds()
     # A time of day in the first minute means the beginning itself, not the next day.
     return at + 86400.0 if of_day and at < -60.0 else max(0.0, at)

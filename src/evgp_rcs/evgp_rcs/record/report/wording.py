@@ -91,16 +91,17 @@ def answers(stop: Stop, told: StopAnswer, clock: Clock) -> tuple[str, str, str, 
     band = told.band
     if band.what == NOT_CONNECTED:
         return 'nothing: it was not connected', '', '', ''
-    what = STATES[band.what]
-    if band.what != NOT_KNOWN and band.start < stop.event.at:
+    if band.what == NOT_KNOWN:
+        return STATES[NOT_KNOWN], '', '', ''
+    what, arrived = STATES[band.what], 'not seen'
+    if band.start < stop.event.at:
         what += f', already since {clock.at(band.start, 3)}'
-    arrived = '' if band.what == NOT_KNOWN else 'not seen'
     if band.delivered is not None:
         arrived = duration(band.delivered - band.start, 3)
     if band.acknowledged is not None:
         at = clock.at(band.acknowledged, 3)
         return what, arrived, at, duration(band.acknowledged - band.start, 3)
-    silence = '' if band.what == NOT_KNOWN else SILENCES.get(told.then, TOLD_ELSE)
+    silence = SILENCES.get(told.then, TOLD_ELSE)
     return what, arrived, silence.format(clock.at(band.end, 3)), ''
 
 
