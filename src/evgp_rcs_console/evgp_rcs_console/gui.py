@@ -27,7 +27,7 @@ import rclpy
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
-NO_QT = (
+_NO_QT = (
     "rcs_gui: Qt for Python or one of its libraries is missing. Install it with 'apt-get install "
     "python3-pyqt6' on Ubuntu 24.04, or 'pip install PySide6-Essentials' and 'apt-get install "
     "qt6-qpa-plugins libgl1 libxcb-cursor0'."
@@ -59,7 +59,7 @@ def main(
         from evgp_rcs_console.qt import QtCore, QtWidgets
         from evgp_rcs_console.window import ConsoleWindow
     except ImportError as error:
-        print(f'{NO_QT} ({error})', file=sys.stderr)
+        print(f'{_NO_QT} ({error})', file=sys.stderr)
         return 2
     if not any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM'))):
         no_display = 'rcs_gui: no screen is available. Set DISPLAY or WAYLAND_DISPLAY.'

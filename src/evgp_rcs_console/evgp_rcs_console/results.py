@@ -12,7 +12,7 @@ from evgp_node.results import KartResult, lap_time, Mark, Standings
 from evgp_rcs.words import STATUS, time_of_day
 from evgp_rcs_console import texts
 
-HEADINGS = ('', 'Kart', 'Team', 'Laps', 'Total', 'Last', 'Best', 'Status, penalties')
+_HEADINGS = ('', 'Kart', 'Team', 'Laps', 'Total', 'Last', 'Best', 'Status, penalties')
 
 
 def position(results: Standings, number: int) -> str:
@@ -52,10 +52,10 @@ def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]
     def rows(karts: Iterable[KartResult]) -> Iterator[tuple[str, ...]]:
         return (_row(kart, teams.get(kart.kart, '')) for kart in karts)
 
-    headed = [HEADINGS, *rows(results.karts)]
+    headed = [_HEADINGS, *rows(results.karts)]
     if results.overall in ((), results.karts):
         return headed
-    heading = [''] * len(HEADINGS)
+    heading = [''] * len(_HEADINGS)
     heading[2] = f'All heats, {results.format.value.replace("_", " ")}'
     return [*headed, tuple(heading), *rows(results.overall)]
 

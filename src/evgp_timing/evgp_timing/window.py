@@ -40,7 +40,7 @@ import rclpy
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
-NO_QT = (
+_NO_QT = (
     "Qt for Python or one of its libraries is missing. Install it with 'apt-get install "
     "python3-pyqt6' on Ubuntu 24.04, or 'pip install PySide6-Essentials' and 'apt-get install "
     "qt6-qpa-plugins libgl1 libxcb-cursor0'"
@@ -164,7 +164,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         from evgp_timing.window_widgets import QtCore, QtWidgets, TimekeeperWindow
     except ImportError as error:
-        return _refuse(f'{NO_QT} ({error})')
+        return _refuse(f'{_NO_QT} ({error})')
     if not any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM'))):
         return _refuse(NO_DISPLAY)
     try:
