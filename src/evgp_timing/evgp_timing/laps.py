@@ -159,14 +159,14 @@ class Laps:
         came = now - self.green
         crossings: list[Crossing] = []
         over, anchors, clocks = dict(self.over), dict(self.anchors), set(self.clocks)
-        arrivals: dict[str, list[float]] = {}
+        arrivals: dict[str, list[float]] = {}  # by source
         for each in self.crossings:
             arrivals.setdefault(each.passing.source, []).append(each.came)
         if dropped:
             over[ALL_SOURCES] = over.get(ALL_SOURCES, 0) + dropped
         for passing in passings:
             source = passing.source
-            if len(arrivals.keys() - {source, BY_HAND}) >= MOST_SOURCES and source != BY_HAND:
+            if source != BY_HAND and len(arrivals.keys() - {source, BY_HAND}) >= MOST_SOURCES:
                 over[FURTHER_SOURCES] = over.get(FURTHER_SOURCES, 0) + 1
                 continue
             before = arrivals.setdefault(source, [])
@@ -218,7 +218,11 @@ class Laps:
         return one.at >= 0.0 or in_step
 
     def _pair(self, new: Crossing) -> tuple[Laps, Crossing]:
-        """Let an official's passing claim a crossing, if one of them is new; return the latter."""
+        """
+        Let officials' passings claim a crossing, if it or one of them is new.
+
+        Return the new laps, and the crossing that counts by that or else the new one.
+        """
         for seen, presses in self._pairs(new):
             identity = seen.passing.identity
             claims = {each.passing.identity: (each.kart, identity) for each in presses}
@@ -229,7 +233,7 @@ class Laps:
         return self, new
 
     def _pairs(self, new: Crossing) -> Iterator[tuple[Crossing, list[Crossing]]]:
-        """Yield crossings that may be the same as officials' passings, if one of them is new."""
+        """Yield each crossing that officials' passings may claim by the new one, with those."""
         if new.passing.source == BY_HAND:
             lately = (each for each in self._unnamed if new.came - each.came <= BEAM_PRESS)
             for seen in itertools.islice(lately, 1):
