@@ -131,10 +131,7 @@ class Show:
         """Wait until the laps of the simulated karts are counted."""
         timed = [kart for kart in STARTERS if kart not in BRIDGED]
         results = self.official.wait_for_results(
-            lambda seen: (
-                all(each.laps == PLAN.laps for each in seen.karts if each.kart in timed)
-                and {*timed} <= {each.kart for each in seen.karts}
-            ),
+            lambda seen: {*timed} <= {kart.kart for kart in seen.karts if kart.laps == PLAN.laps},
             f'{PLAN.laps} laps of karts {timed} are counted',
         )
         best = min(min(each.lap_times) for each in results.karts if each.kart in timed)
