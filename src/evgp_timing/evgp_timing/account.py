@@ -67,8 +67,8 @@ class Account:
         self._second = 0
         self._in_second = 0
 
-    def take(self, event: Event, now: float) -> int | None:
-        """Process an event, and return an accepted passing's number in `session`, or None."""
+    def take(self, event: Event, now: float) -> Passing | None:
+        """Process an event, and return an accepted passing, numbered in `session`, or None."""
         if isinstance(event, Refused):
             self.last_refusal = event.reason
             self._note(Trouble.REFUSED, now)
@@ -96,7 +96,7 @@ class Account:
             self._note(Trouble.TOO_MANY, now)
             return None
         self.taken += 1
-        return self._number
+        return event._replace(session=self.session, number=self._number)
 
     def trouble(self, now: float) -> Trouble | None:
         """Return the worst recent fault, or None."""

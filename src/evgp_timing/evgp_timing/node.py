@@ -23,7 +23,6 @@ from evgp_node.graph import where_reachable
 from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
 from evgp_node.qos import DIAGNOSTICS_QOS, latched
-from evgp_node.results import Passing
 from evgp_node.stamps import stamp
 from evgp_protocol import clock
 from evgp_rcs_msgs import msg
@@ -152,17 +151,12 @@ class TimingSource(StrictNode):
             time.sleep(CONTACT_LOOK)
 
     def _take(self, event: Event, now: float) -> None:
-        number = self._account.take(event, now)
-        if number is None or not isinstance(event, Passing):
-            return
-        of_host = self._settings.kind == CONTACT
-        passing = event._replace(
-            source=self._settings.source,
-            session=self._account.session,
-            number=number,
-            clock=msg.Passing.CLOCK_OF_HOST if of_host else msg.Passing.CLOCK_OF_DEVICE,
-        )
-        self._passings.publish(message_of(passing, msg.Passing))
+        passing = self._account.take(event, now)
+        if passing is not None:
+            of_host = self._settings.kind == CONTACT
+            whose = msg.Passing.CLOCK_OF_HOST if of_host else msg.Passing.CLOCK_OF_DEVICE
+            passing = passing._replace(source=self._settings.source, clock=whose)
+            self._passings.publish(message_of(passing, msg.Passing))
 
     # ----- in the executor's thread -------------------------------------------------------
 

@@ -48,12 +48,12 @@ def test_no_two_passings_have_one_identity_and_no_number_leaves_its_range(
     given_out: dict[tuple[str, int], Passing] = {}
     for after, event in events:
         now += after
-        number = made.take(event, now)
-        if number is None:
+        taken = made.take(event, now)
+        if taken is None:
             continue
-        assert isinstance(event, Passing)
-        assert 0 < number < 2**32
-        assert given_out.setdefault((made.session, number), event) is event
+        assert 0 < taken.number < 2**32
+        assert taken.session == made.session
+        assert given_out.setdefault((taken.session, taken.number), event) is event
     assert made.taken == len(given_out)
 
 
@@ -69,7 +69,7 @@ def test_a_passing_said_again_is_left_out_and_told() -> None:
 def test_a_count_that_begins_anew_is_another_session() -> None:
     made = account((1.0, passing(1.0, 41)))
     session = made.session
-    assert made.take(passing(2.0, 1), 2.0) == 1
+    assert number(made, passing(2.0, 1), 2.0) == 1
     assert made.session != session
     assert made.trouble(2.0) is Trouble.RESTARTED
 
@@ -84,15 +84,19 @@ def test_passings_that_were_not_received_are_counted_once_the_device_has_counted
     assert made.counts[Trouble.MISSED] == 4
 
 
-def taken(made: Account, events: Iterable[Event]) -> list[tuple[float, Passing, int]]:
+def taken(made: Account, events: Iterable[Event]) -> list[Passing]:
     """Return what is taken of these, each at the time that it says."""
     found, now = [], 0.0
     for event in events:
         now = event.stamp_ns / 1e9 if isinstance(event, Passing) else now
-        number = made.take(event, now)
-        if isinstance(event, Passing) and number is not None:
-            found.append((now, event, number))
-    return found
+        found.append(made.take(event, now))
+    return [each for each in found if each is not None]
+
+
+def number(made: Account, event: Event, now: float) -> int | None:
+    """Return the number with which an event is taken, or None."""
+    found = made.take(event, now)
+    return found and found.number
 
 
 def test_a_selection_of_a_count_is_not_missed() -> None:
@@ -104,32 +108,32 @@ def test_a_selection_of_a_count_is_not_missed() -> None:
 def test_a_gate_is_left_out_by_its_number_or_its_label_and_its_count_is_not_missed() -> None:
     made = Account(0.0, frozenset(('9992', 'G-1')))
     events = [passing(1.0, 1), passing(2.0, 2, '9992'), passing(3.0, 3, '12 G-1'), passing(4.0, 4)]
-    assert [number for _, _, number in taken(made, events)] == [1, 4]
+    assert [each.number for each in taken(made, events)] == [1, 4]
     assert made.trouble(4.0) is None
 
 
 def test_a_device_without_a_count_begins_anew_when_its_clock_does() -> None:
     made = account((1.0, passing(500.0)), (2.0, passing(501.0)))
     session = made.session
-    assert made.take(passing(0.5), 3.0) == 1
+    assert number(made, passing(0.5), 3.0) == 1
     assert made.session != session
 
 
 @pytest.mark.parametrize('jump', [CLOCK_TOLERANCE + 0.1, -CLOCK_TOLERANCE - 0.1, 1e9])
 def test_a_clock_that_jumps_is_told_once_and_the_passing_is_taken(jump: float) -> None:
     made = account((1.0, passing(10.0, 1)))
-    assert made.take(passing(11.0 + jump, 2), 2.0) == 2
-    assert made.take(passing(12.0 + jump, 3), 3.0) == 3
+    assert number(made, passing(11.0 + jump, 2), 2.0) == 2
+    assert number(made, passing(12.0 + jump, 3), 3.0) == 3
     assert made.counts[Trouble.CLOCK] == 1
 
 
 def test_passings_beyond_the_rate_are_left_out_and_counted() -> None:
     made = Account(0.0)
-    taken = [made.take(passing(0.001 * each, each), 0.5) for each in range(1, MAX_RATE + 51)]
+    taken = [number(made, passing(0.001 * each, each), 0.5) for each in range(1, MAX_RATE + 51)]
     assert taken == [*range(1, MAX_RATE + 1), *[None] * 50]
     assert made.counts[Trouble.TOO_MANY] == 50
     assert made.counts[Trouble.MISSED] == 0
-    assert made.take(passing(1.5, MAX_RATE + 51), 1.5) == MAX_RATE + 51
+    assert number(made, passing(1.5, MAX_RATE + 51), 1.5) == MAX_RATE + 51
 
 
 def test_what_is_remembered_is_bounded() -> None:
