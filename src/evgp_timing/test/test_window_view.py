@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-import os
 import time
 
 from evgp_node.results import (
@@ -32,16 +31,12 @@ AT_14_31 = 1_780_065_060.0
 
 
 @pytest.fixture(autouse=True)
-def utc() -> Iterator[None]:
+def utc(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Have this process be in a time zone that is known."""
-    before = os.environ.get('TZ')
-    os.environ['TZ'] = 'UTC'
-    time.tzset()
-    yield
-    if before is None:
-        del os.environ['TZ']
-    else:
-        os.environ['TZ'] = before
+    with monkeypatch.context() as changed:
+        changed.setenv('TZ', 'UTC')
+        time.tzset()
+        yield
     time.tzset()
 
 
