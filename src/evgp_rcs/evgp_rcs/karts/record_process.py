@@ -78,8 +78,8 @@ class RecordProcess:
         other.close()
         self._end = LocalEnd(end)
         self._socket = end
-        # Of each batch, when it was sent, and its events and bytes.
-        self._unwritten: deque[tuple[float, int, int]] = deque()
+        self._unwritten: deque[tuple[int, int]] = deque()  # events, bytes of each batch
+        self._waits_since: deque[float] = deque()  # of each of these batches that has events
         self._events = 0  # not yet written
         self._bytes = 0
         self._lost = 0
@@ -111,7 +111,9 @@ class RecordProcess:
             self._lost += events
             self._full = True
             return
-        self._unwritten.append((time.monotonic(), events, size))
+        if events:
+            self._waits_since.append(time.monotonic())
+        self._unwritten.append((events, size))
         self._events += events
         self._bytes += size
         self._end.send(data)
@@ -127,7 +129,9 @@ class RecordProcess:
         """Read the messages that the process has sent."""
         for batches, error, grid in self._end.receive():
             for _ in range(batches):
-                _, events, size = self._unwritten.popleft()
+                events, size = self._unwritten.popleft()
+                if events:
+                    self._waits_since.popleft()
                 self._events -= events
                 self._bytes -= size
             self._error = error
@@ -140,12 +144,12 @@ class RecordProcess:
         """Return why the record is failing, as a sentence for officials. Empty if it works."""
         # Unlike the rules' clock, this one skips suspends, because those do not slow the disk.
         now = time.monotonic()
-        waits = now - next((since for since, events, _ in self._unwritten if events), now)
+        waits = now - self._waits_since[0] if self._waits_since else 0.0
         reason = self._error
         if self._end.gone:
             reason = 'its process has ended. Restart race control when no kart is on the track'
         elif not reason and waits > SLOW:
-            reason = f'nothing could be written for {waits:.0f} s'
+            reason = f'writing takes more than {waits:.0f} s'
         elif not reason and self._full:
             reason = 'events come faster than the disk can write them'
         if not reason:
