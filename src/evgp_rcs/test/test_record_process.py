@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
+import itertools
 import os
 import pathlib
 import signal
@@ -20,7 +21,7 @@ from evgp_rcs.karts.record_process import RecordProcess
 from evgp_rcs.record.run_mark import RUN_BEGAN
 from evgp_rcs.record.runs import events_of, open_runs
 from evgp_rcs.record.store import Record, RecordError
-from evgp_rcs.rules.inputs import Batch
+from evgp_rcs.rules.inputs import Batch, Tick
 from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 from evgp_testing.process import freeze, wait_until_ended
 import pytest
@@ -232,9 +233,17 @@ def test_what_no_disk_takes_needs_bounded_memory_and_leaves_a_gap_that_is_seen(
     lost = record._lost
     assert 80 < lost < 100
     assert f'{lost} are lost' in record.trouble()
+    monkeypatch.setattr(record_process, 'MOST_UNWRITTEN_BYTES', 20_000)
     os.kill(record.pid, signal.SIGCONT)
-    wait_for(record, lambda: not record.trouble())
-    put(record, 101)
+    ticks = itertools.count(100)
+
+    def no_trouble() -> bool:
+        record.put(Batch(next(ticks), [Tick(0.1)]))  # there is always something to write
+        record.look()
+        return not record.trouble()
+
+    wait_for(record, no_trouble)
+    record.put(Batch(next(ticks), [StampedEvent(101, 0, 0.1, Event(EventKind.CONNECTED, ''))]))
     record.end(PATIENCE, LastRun.UNKNOWN)
     assert numbers_in(path) == [*range(1, 101 - lost), 101]
     with open_runs(path) as runs:

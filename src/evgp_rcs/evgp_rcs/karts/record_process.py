@@ -135,7 +135,7 @@ class RecordProcess:
                 self._events -= events
                 self._bytes -= size
             self._error = error
-            self._full &= bool(self._unwritten)
+            self._full &= self._bytes > MOST_UNWRITTEN_BYTES / 2
             if grid != self._saved:
                 self._saved = grid
                 self.on_saved(grid)
