@@ -145,7 +145,7 @@ class AlertsArea(Panel):
         self._screen = Screen(NOTHING, 0.0, {})
         self._notices: list[Notice] = []
         self._aim: Aim[list[int]] = Aim()
-        self._summary = fixed(Text('standing', 'small bold', wrap=True), height=26)
+        self._summary = fixed(Text('standing', 'small bold', wrap=True), height=30)
         self._see = fixed(Push('seen', 'SEEN', 'F10', kind='quiet small'), height=24)
         self._see_all = fixed(Push('seen_all', 'ALL SEEN', kind='quiet small'), height=24)
         self._mute = fixed(Push('mute', '♪ ON', 'F11', kind='quiet small'), height=24)

@@ -437,6 +437,8 @@ def test_nothing_is_cut_overlaps_or_touches_its_frame(
         if name == 'killed':
             named = ', '.join(map(str, range(1, 17)))
             assert console.text('msr') == f'USE THE MSR: karts {named}'
+            lines = console.find('standing').grab().toImage()
+            assert len({lines.pixel(x, 0) for x in range(lines.width())}) == 1  # no cut top
         elif name == 'msr used':  # the three alerts are seen at once
             assert console.text('banner').count('ALERT') == 3
             assert 'not shown' not in console.text('standing')
