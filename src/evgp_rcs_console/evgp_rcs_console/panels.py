@@ -44,7 +44,7 @@ def track_panel(button: CommandButton) -> Panel:
     edge, why = fixed(Panel('track_edge', ''), 8), Text('humans_reason', '', TOP, wrap=True)
     humans = fixed(Text('humans', 'large bold', BOTTOM), height=30)
     rows = (edge, humans, fixed(button, 138)), (edge, why, button)
-    panel, margins = Panel('track_panel'), (0, 5, 8, 5)
+    panel, margins = Panel('track_panel'), (0, 3, 8, 2)
     return lay(panel, *rows, gap=6, margins=margins, columns=(0, 1, 0), heights=(0, 1))
 
 

@@ -437,8 +437,11 @@ def test_nothing_is_cut_overlaps_or_touches_its_frame(
         if name == 'killed':
             named = ', '.join(map(str, range(1, 17)))
             assert console.text('msr') == f'USE THE MSR: karts {named}'
-            lines = console.find('standing').grab().toImage()
-            assert len({lines.pixel(x, 0) for x in range(lines.width())}) == 1  # no cut top
+            for text, edge in (('standing', 'top'), ('humans_reason', 'bottom')):
+                lines = console.find(text).grab().toImage()
+                y = 0 if edge == 'top' else lines.height() - 1
+                inks = {lines.pixel(x, y) for x in range(lines.width())}
+                assert len(inks) == 1, f'the {edge} of {text} is cut off'
         elif name == 'msr used':  # the three alerts are seen at once
             assert console.text('banner').count('ALERT') == 3
             assert 'not shown' not in console.text('standing')
