@@ -112,9 +112,11 @@ class ConsoleWindow(QtWidgets.QWidget):
         """Lay out the areas, and the sheets that open over them."""
         self._banner = fixed(Text('top_line', 'bold', CENTER, fills=True), height=24)
         self._banner.hide()
-        self._track_button = CommandButton(tall=True)
+        track, heat = CommandButton(tall=True), CommandButton(kind='quiet')
+        steps = [CommandButton(tall=True) for _ in range(len(RACE_COMMANDS) + 1)]
+        self._buttons = *steps, track, heat
         race, self._race_or_danger = QtWidgets.QWidget(), QtWidgets.QStackedWidget()
-        of_race = fixed(panels.state_panel(), 316), panels.track_panel(self._track_button)
+        of_race = fixed(panels.state_panel(), 316), panels.track_panel(track)
         for either in (lay(race, of_race, gap=GAP, columns=(0, 1)), panels.danger_panel()):
             self._race_or_danger.addWidget(either)
         top, clock_panel = fixed(QtWidgets.QWidget(), height=78), fixed(panels.clock_panel(), 138)
@@ -143,15 +145,13 @@ class ConsoleWindow(QtWidgets.QWidget):
         foot = fixed(QtWidgets.QWidget(), height=32)
         lay(foot, (self._status, self._battery, self._official), gap=8, columns=(1, 0, 0))
 
-        self._heat_button = CommandButton(kind='quiet')
-        self._steps = [CommandButton(tall=True) for _ in range(len(RACE_COMMANDS) + 1)]
-        steps = fixed(QtWidgets.QWidget(), height=60)
-        lay(steps, self._steps, gap=8, columns=[1] * len(self._steps))
+        race_line = fixed(QtWidgets.QWidget(), height=60)
+        lay(race_line, steps, gap=8, columns=[1] * len(steps))
         rows = (
             (self._banner, self._banner),
             (top, kill_box),
-            (steps, kill_box),
-            (fixed(panels.strip(self._heat_button), height=28), side),
+            (race_line, kill_box),
+            (fixed(panels.strip(heat), height=28), side),
             (self.how_to_begin, side),
             (foot, foot),
         )
@@ -275,8 +275,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         for name, tone in (('state_panel', screen.state.tone), ('track_edge', screen.humans.tone)):
             mark(self.findChild(Panel, name), ground=tone.value)
         buttons = *screen.race, screen.msr_button, screen.track_button, screen.heat_button
-        places = *self._steps, self._track_button, self._heat_button
-        for place, button in zip(places, buttons, strict=True):
+        for place, button in zip(self._buttons, buttons, strict=True):
             place.show_button(button)
         for area in (self.karts, self.events, self.alerts, *self._sheets):
             area.show_screen(screen)
