@@ -51,12 +51,10 @@ def test_a_second_race_control_on_this_machine_does_not_start_and_the_first_goes
     race.official.command('all_kill')
 
 
-def test_race_controls_of_other_names_or_domains_are_no_rivals(
+def test_race_controls_of_other_names_are_no_rivals(
     start_race_control: StartRaceControl, tmp_path: pathlib.Path
 ) -> None:
     control = start_race_control(in_race=[1])
-    start_race_control(in_race=[1])
-
     with second(tmp_path, control.domain, '-r', '__ns:=/junior') as other:
         other.wait_for_line('listens for')
 

@@ -19,6 +19,7 @@ from typing import Any
 from evgp_node.roster import MOST_ENTRIES
 from evgp_protocol import clock
 from evgp_protocol.frames import encode
+from evgp_protocol.hearing import FLOOD_BYTES
 from evgp_protocol.link import Grade, unread
 from evgp_protocol.loop import run as run_loop
 from evgp_protocol.states import RaceState
@@ -184,6 +185,9 @@ class Running:
         for each in stamped:
             self.on_event(each.event)
 
+    def lose(self, why: str) -> None:
+        self.gone = why
+
     # ----- the record; in the server's thread ---------------------------------------------
 
     def put(self, batch: Batch) -> None:
@@ -207,9 +211,18 @@ class Running:
             assert self._news.wait_for(lambda: self._shown >= wanted, TIMEOUT)
 
     def remember(self, memory: RaceMemory) -> None:
-        self.remembered.append(memory)
+        with self._news:
+            self.remembered.append(memory)
+            self._news.notify_all()
         if self.record_works_at_once:
             self._loop.call_soon(self._save, memory.grid)
+
+    def shown_by_the_next_memory(self) -> int:
+        """Return how often the race was shown, once it was remembered again."""
+        with self._news:
+            before = len(self.remembered)
+            assert self._news.wait_for(lambda: len(self.remembered) > before, TIMEOUT)
+            return self._shown
 
     def _save(self, grid: int) -> None:
         self.on_saved(grid)
@@ -393,18 +406,37 @@ def test_a_stop_that_lies_unread_is_judged_before_what_a_kart_says(run: Run) -> 
     read_until(client, RED_RED)
     running.wait_for(EventKind.REPORTED, 1)
     assert answer.result(TIMEOUT).success
+    kinds = [each.kind for each in running.events]
+    assert kinds.index(EventKind.COMMAND) < kinds.index(EventKind.REPORTED)
     assert not running.race.karts[1].acknowledged
 
 
+def test_a_stop_that_lies_unread_is_judged_before_the_race_is_shown(run: Run) -> None:
+    running = run(NO_BEAT)
+    stopped: list[concurrent.futures.Future[Answer]] = []
+
+    def stop(event: Event) -> None:
+        # In the server's own thread: what was published is shown next, and nothing else wakes it.
+        if event.command is CommandKind.CLOSE_TRACK:
+            stopped.append(running.submit(Command(CommandKind.ALL_KILL), wakes=False))
+
+    running.on_event = stop
+    running.give(CommandKind.CLOSE_TRACK)
+    running.wait_for(EventKind.RACE_STATE)
+    assert stopped[0].result(TIMEOUT).success
+
+
 def test_a_kart_that_goes_on_flooding_is_dropped(run: Run) -> None:
-    running = run(beat_rate=100.0)
+    running = run(beat_rate=12.0)
     client = running.connect(1)
     running.wait_for(EventKind.CONNECTED, 1)
+    hearing = running.server._links[1]._hearing
     with contextlib.suppress(ConnectionError):
         while True:
             client.sendall(b'$' * 65536)
     (event,) = running.wait_for(EventKind.DISCONNECTED, 1)
     assert 'floods' in event.text
+    assert hearing._read < 2 * FLOOD_BYTES * (hearing._beats + 1)  # the rest was left unread
 
 
 @pytest.fixture
@@ -689,6 +721,7 @@ def test_karts_start_only_once_the_disk_knows_that_they_may_move(run: Run) -> No
     running.record_works_at_once = False
     running, one, two = on_the_grid(running)
     assert not running.give(CommandKind.GREEN_GREEN).success
+    running.race_was_shown(2)  # and remembered after the first time
     memory = running.remembered[-1]
     assert memory.karts[1].doubt is memory.karts[2].doubt is Doubt.MOVING
     running.record_trouble = 'the disk is full'
@@ -706,6 +739,7 @@ def test_a_stop_does_not_wait_for_the_disk_and_nothing_starts_after_it(run: Run)
     running = run()
     running.record_works_at_once = False
     running, one, two = on_the_grid(running)
+    running.race_was_shown(2)
     assert running.give(CommandKind.ALL_KILL).success
     running._loop.call_soon_threadsafe(running.on_saved, running.remembered[-1].grid)
     assert not running.give(CommandKind.GREEN_GREEN).success
@@ -731,6 +765,16 @@ def test_a_kart_server_that_was_held_up_does_not_take_the_ros_half_for_silent(ru
     logged(running, Stalled)
     assert running.give(CommandKind.CLOSE_TRACK).success
     assert running.failure is None
+
+
+def test_a_ros_half_that_accepts_nothing_is_shown_no_race_and_given_up_in_the_end(
+    run: Run,
+) -> None:
+    running = run()
+    running.unsent = 1
+    assert running.shown_by_the_next_memory() == running.shown_by_the_next_memory()
+    running.unsent = kart_server.TO_ROS_HALF_BYTES + 1
+    assert 'no longer accepts' in str(running.wait_for_failure())
 
 
 def logged(running: Running, kind: type[Any]) -> list[Any]:

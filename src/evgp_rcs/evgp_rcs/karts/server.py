@@ -210,7 +210,6 @@ class KartServer:
                 self._settings.port,
                 family=socket.AF_INET,
                 backlog=CONNECTIONS_AT_ONCE,
-                reuse_address=True,
             )
             # asyncio uses one number for both limits, so this second call enlarges the queue.
             with server.sockets[0].dup() as taking:
@@ -300,7 +299,6 @@ class KartServer:
         self._notice_stall(now)
         self._beat_at = now
         self._check_ros_half(now)
-        self._note_record_trouble(now)
         self._take(inputs.Tick(now))
         for kart in [each.number for each in self._race.karts.values() if each.contested]:
             self._check_contest(kart, now)

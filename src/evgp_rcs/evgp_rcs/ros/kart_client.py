@@ -98,7 +98,6 @@ class KartServerClient:
         self._waiting: dict[int, queue.SimpleQueue[Answer | None]] = {}
         self._listening: concurrent.futures.Future[tuple[str, int]] = concurrent.futures.Future()
         self._sending = threading.Lock()
-        self._ended = ''
         self._stopping = False
         """Whether the client has told the kart server to end and sends nothing more."""
         self._end: socket.socket
@@ -157,8 +156,6 @@ class KartServerClient:
         # Creating a future would take longer than sending a stop.
         answers = self._waiting[number] = queue.SimpleQueue()
         self._send(Request(number, command, came))
-        if self._ended:
-            self._refuse_the_rest()
         try:
             answer = answers.get(timeout=ANSWER_TIMEOUT)
         except queue.Empty:
@@ -225,9 +222,9 @@ class KartServerClient:
             why = self._hear()
         except BaseException as error:  # noqa: BLE001 - the node ends the process
             why = f'race control can no longer hear it: {error!r}'
-        self._ended = why
         # End the kart server in any case. Karts must not stay connected to a race control that
-        # officials cannot hear.
+        # officials cannot hear. After this, `_send` fails, so no command can still be added to
+        # those that wait.
         with contextlib.suppress(OSError):
             self._end.shutdown(socket.SHUT_RDWR)
         self._refuse_the_rest()
