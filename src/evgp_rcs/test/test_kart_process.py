@@ -184,24 +184,12 @@ def mark_of(begin: Begin) -> str:
 
 
 @pytest.mark.parametrize('in_order', [True, False])
-def test_record_and_mark_say_whether_the_end_was_in_order(
+def test_record_and_mark_say_whether_the_end_was_in_order_and_the_ros_half_is_told_it_last(
     half: Half, connect: Connect, begin: Begin, in_order: bool
 ) -> None:
-    connect(1)
+    read_until(connect(1), IN_GARAGE)
     assert mark_of(begin) == RUN_BEGAN
     half.say(End(in_order))
-    half.process.wait(TIMEOUT)
-    with open_runs(begin.record) as runs:
-        run = runs.choose(None)
-    assert (run.ended_ns is not None) is in_order
-    assert (mark_of(begin) != RUN_BEGAN) is in_order
-
-
-def test_an_orderly_end_is_in_the_record_and_told_to_the_ros_half_in_order(
-    half: Half, connect: Connect, begin: Begin
-) -> None:
-    read_until(connect(1), IN_GARAGE)
-    half.say(End(in_order=True))
     told: list[EventKind] = []
     while (message := half.hear()) is not None:
         if isinstance(message, Happened):
@@ -209,6 +197,10 @@ def test_an_orderly_end_is_in_the_record_and_told_to_the_ros_half_in_order(
     assert told[-2:] == [EventKind.ENDED, EventKind.DISCONNECTED]
     half.process.wait(TIMEOUT)
     assert [each.event.kind for each in events_of(begin.record)] == told
+    with open_runs(begin.record) as runs:
+        run = runs.choose(None)
+    assert (run.ended_ns is not None) is in_order
+    assert (mark_of(begin) != RUN_BEGAN) is in_order
 
 
 def test_an_end_of_the_ros_half_means_red_red_and_what_happened_is_on_the_disk(
