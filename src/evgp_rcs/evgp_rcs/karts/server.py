@@ -299,6 +299,7 @@ class KartServer:
         self._notice_stall(now)
         self._beat_at = now
         self._check_ros_half(now)
+        self._note_record_trouble(now)
         self._take(inputs.Tick(now))
         for kart in [each.number for each in self._race.karts.values() if each.contested]:
             self._check_contest(kart, now)
