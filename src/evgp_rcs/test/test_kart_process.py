@@ -31,7 +31,6 @@ from evgp_rcs.karts.channel import (
     KartServerError,
     Listening,
     pack,
-    Refused,
     Request,
     ServerSettings,
     Unpacker,
@@ -220,7 +219,7 @@ def test_an_end_of_the_ros_half_means_red_red_and_what_happened_is_on_the_disk(
 def test_a_port_in_use_is_refused_and_leaves_no_doubt_behind(half: Half, begin: Begin) -> None:
     with socket.create_server(('127.0.0.1', begin.settings.port)):
         half.say(dataclasses.replace(begin, cannot_know='no cable'))
-        assert 'address already in use' in half.wait_for(Refused).text
+        assert 'address already in use' in half.wait_for(Failed).text
         assert half.process.wait(TIMEOUT) == 2
     again = Half()
     with contextlib.closing(again):

@@ -145,13 +145,6 @@ class Listening:
     address: tuple[str, int]
 
 
-@dataclass(frozen=True)
-class Refused:
-    """Says that the kart server or the record cannot start, why, and what to do."""
-
-    text: str
-
-
 class Answered(NamedTuple):
     """The answer to the request with this number."""
 
@@ -167,7 +160,13 @@ class Happened(NamedTuple):
 
 @dataclass(frozen=True)
 class Failed:
-    """The last message of a kart server that failed, after it sent every kart RED_RED."""
+    """
+    The last message of a kart server that failed, or of one or a record that could not start.
+
+    Before it, a kart server has sent RED_RED to every kart.
+
+    :param text: why and, if it could not start, what to do.
+    """
 
     text: str
 

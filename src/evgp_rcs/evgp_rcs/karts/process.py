@@ -32,7 +32,6 @@ from evgp_rcs.karts.channel import (
     Listening,
     LocalEnd,
     pack,
-    Refused,
 )
 from evgp_rcs.karts.record_process import RecordProcess, wake_when_the_parent_dies
 from evgp_rcs.karts.server import KartServer, RosHalfGoneError
@@ -118,14 +117,14 @@ def main(arguments: list[str] | None = None) -> int:
             mark = run_mark.place(begin.settings.host, begin.settings.port)
             record = RecordProcess(begin.record, mark, begin.run)
         except RecordError as error:
-            ros_half.send_the_rest(Refused(str(error)), timeout=LAST_WORDS_TIMEOUT)
+            ros_half.send_the_rest(Failed(str(error)), timeout=LAST_WORDS_TIMEOUT)
             return 2
         try:
             ends_as = run(serve(begin, ros_half, record))
         except KartServerError as error:
             # This run has sent nothing to any kart, so it leaves behind what the last run left.
             record.end(LAST_WORDS_TIMEOUT, record.opened.last_run)
-            ros_half.send_the_rest(Refused(str(error)), timeout=LAST_WORDS_TIMEOUT)
+            ros_half.send_the_rest(Failed(str(error)), timeout=LAST_WORDS_TIMEOUT)
             return 2
         except BaseException as error:
             record.end(LAST_WORDS_TIMEOUT, LastRun.UNKNOWN)

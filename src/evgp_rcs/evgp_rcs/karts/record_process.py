@@ -31,11 +31,11 @@ import traceback
 
 from evgp_rcs.karts.channel import (
     Ended,
+    Failed,
     LocalEnd,
     Opened,
     pack,
     PAIR_BYTES,
-    Refused,
     Unpacker,
     Written,
 )
@@ -90,8 +90,8 @@ class RecordProcess:
         try:
             opened = self._end.first()
         except EOFError:
-            opened = Refused(f'{path} cannot be used: its process has failed')
-        if isinstance(opened, Refused):
+            opened = Failed(f'{path} cannot be used: its process has failed')
+        if isinstance(opened, Failed):
             end.close()
             os.waitpid(self.pid, 0)
             raise RecordError(opened.text)
@@ -216,7 +216,7 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
             mark.end(mark.last_run)
             raise
     except (RecordError, InUseError) as error:
-        end.sendall(pack(Refused(str(error))))
+        end.sendall(pack(Failed(str(error))))
         return
     told = record.error or mark.error
     end.sendall(pack(Opened(record.left_behind, mark.last_run, mark.why, told)))

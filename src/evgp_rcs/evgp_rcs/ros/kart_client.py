@@ -34,7 +34,6 @@ from evgp_rcs.karts.channel import (
     KartServerError,
     Listening,
     pack,
-    Refused,
     Request,
     Unpacker,
 )
@@ -221,7 +220,7 @@ class KartServerClient:
         try:
             why = self._hear()
         except BaseException as error:  # noqa: BLE001 - the node ends the process
-            why = f'race control can no longer hear it: {error!r}'
+            why = f'race control can no longer hear the kart server: {error!r}'
         # End the kart server in any case. Karts must not stay connected to a race control that
         # officials cannot hear. After this, `_send` fails, so no command can still be added to
         # those that wait.
@@ -229,14 +228,14 @@ class KartServerClient:
             self._end.shutdown(socket.SHUT_RDWR)
         self._refuse_the_rest()
         if not self._listening.done():
-            self._listening.set_exception(KartServerError(f'the kart server failed: {why}'))
+            self._listening.set_exception(KartServerError(why))
         elif not self._stopping:
             self._on_end(why)
 
     def _hear(self) -> str:
         """Handle messages from the kart server until it ends and return why it ended."""
         unpacker = Unpacker()
-        why = 'its process has ended'
+        why = 'the process of the kart server has ended'
         silent = 0
         while True:
             if not select.select([self._end], [], [], KART_SERVER_SILENCE / LOOKS)[0]:
@@ -244,7 +243,7 @@ class KartServerClient:
                 if silent < LOOKS:
                     continue
                 self._process.kill()  # so that the karts lose their connections
-                return f'it was silent for {KART_SERVER_SILENCE:g} s and was killed'
+                return f'the kart server was silent for {KART_SERVER_SILENCE:g} s and was killed'
             silent = 0
             try:
                 data = self._end.recv(FROM_KART_SERVER_BYTES)
@@ -265,11 +264,9 @@ class KartServerClient:
             self._on_news(message)
         elif isinstance(message, Answered):
             self._answer(message.number, message.answer)
-        elif isinstance(message, Listening):
-            self._listening.set_result(message.address)
         else:
-            assert isinstance(message, Refused)
-            self._listening.set_exception(KartServerError(message.text))
+            assert isinstance(message, Listening)
+            self._listening.set_result(message.address)
 
     def _refuse_the_rest(self) -> None:
         for number in list(self._waiting):

@@ -296,7 +296,7 @@ class RcsNode(StrictNode):
     def _kart_server_ended(self, why: str) -> None:
         self._fail(
             f'Race control has ended, and no kart is connected ({why}). Use the MSR',
-            KartServerError(f'the kart server has ended: {why}'),
+            KartServerError(why),
         )
 
     def _fail(self, text: str, error: BaseException) -> None:
