@@ -147,9 +147,6 @@ def ways_into_the_rules() -> set[str]:
 
 def test_every_input_of_the_rules_can_be_logged() -> None:
     class Noting:
-        state = RaceState.IN_GARAGE
-        start = None
-
         def __getattr__(self, name: str) -> Any:
             return lambda *given: name
 

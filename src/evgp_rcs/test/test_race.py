@@ -667,18 +667,6 @@ def test_a_stop_to_a_kart_that_is_not_in_the_roster_begins_a_pause_too() -> None
 # ----- what is wrong around race control --------------------------------------------------
 
 
-def test_after_race_control_was_held_up_a_kart_outside_the_race_must_stand_again_too() -> None:
-    officials = Officials(RaceTimes(pause=0.0, pause_after_stall=0.0, settle_time=3.0))
-    officials.does('KART_RED_RED', SPECTATOR)
-    officials.acknowledge(SPECTATOR)
-    officials.wait(2.0)
-    officials.race.stalled(2.0, officials.now)
-    officials.wait(2.0)
-    assert officials.race.karts[SPECTATOR].may_be_moving
-    officials.wait(1.0)
-    assert officials.race.karts[SPECTATOR].stands
-
-
 def test_while_the_record_fails_the_refusal_of_a_start_names_the_remedy(
     officials: Officials,
 ) -> None:

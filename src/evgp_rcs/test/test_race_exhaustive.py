@@ -22,6 +22,7 @@ pytestmark = [pytest.mark.usefixtures('others_first'), pytest.mark.timeout(900)]
 
 LONGEST = [pytest.mark.long, pytest.mark.longest]
 
+CLOSED = ('OPEN_TRACK',)
 UNMARKED = ('KART_FINISH', 'KART_RED_FLAG')
 
 
@@ -41,7 +42,7 @@ def search(most: int, **options: object) -> oracle.Report:
 @pytest.mark.longest
 @pytest.mark.timeout(1800)
 def test_two_karts_in_the_race_and_one_outside() -> None:
-    report = search(200_000, racing=2, outside=1, track=False, without=UNMARKED)
+    report = search(200_000, racing=2, outside=1, without=CLOSED + UNMARKED)
     assert report.states > 30_000
     assert report.pairs_compared > 200
 
@@ -56,38 +57,32 @@ def test_two_karts_with_a_track_that_officials_open() -> None:
 
 
 @pytest.mark.parametrize(
-    ('begin', 'track'),
+    ('begin', 'without'),
     [
-        pytest.param('garage', False, marks=pytest.mark.early),
-        pytest.param('garage', True, marks=LONGEST),
-        pytest.param('unknown', False, marks=LONGEST),
-        pytest.param('crash', True, marks=LONGEST),
-        pytest.param('first', True, marks=LONGEST),
+        pytest.param('garage', CLOSED, marks=pytest.mark.early),
+        pytest.param('garage', (), marks=LONGEST),
+        pytest.param('unknown', CLOSED, marks=LONGEST),
+        pytest.param('crash', (), marks=LONGEST),
+        pytest.param('first', (), marks=LONGEST),
     ],
+    ids=lambda value: 'closed' if value == CLOSED else value or 'open',
 )
-def test_two_karts_that_do_not_finish(begin: str, track: bool) -> None:
-    search(
-        60_000,
-        racing=1,
-        outside=1,
-        track=track,
-        begin=begin,
-        without=UNMARKED,
-        compare=400,
-    )
+def test_two_karts_that_do_not_finish(begin: str, without: tuple[str, ...]) -> None:
+    world = {'racing': 1, 'outside': 1, 'begin': begin, 'without': without + UNMARKED}
+    search(60_000, compare=400, **world)
 
 
 @pytest.mark.long
 @pytest.mark.longest
 @pytest.mark.timeout(1800)
 def test_two_karts_whose_links_stop_answering() -> None:
-    world = {'racing': 1, 'outside': 1, 'track': False, 'silence': True, 'without': UNMARKED}
-    search(60_000, compare=400, **world)
+    without = CLOSED + UNMARKED
+    search(60_000, compare=400, racing=1, outside=1, silence=True, without=without)
 
 
 def test_one_kart_while_race_control_is_cut_off_and_two_programs_connect_as_it() -> None:
-    world = {'racing': 1, 'outside': 0, 'track': False, 'network': True, 'without': UNMARKED}
-    search(60_000, compare=100, **world)
+    without = CLOSED + UNMARKED
+    search(60_000, compare=100, racing=1, outside=0, network=True, without=without)
 
 
 # The rival and the record are apart from all else, so one kart is enough.
@@ -96,7 +91,7 @@ def test_one_kart_while_race_control_is_cut_off_and_two_programs_connect_as_it()
     [
         pytest.param('garage', marks=pytest.mark.early),
         pytest.param('crash', marks=LONGEST),
-        pytest.param('crash on the grid', marks=LONGEST),
+        pytest.param('lost on the grid', marks=LONGEST),
         pytest.param('unknown', marks=LONGEST),
     ],
 )
@@ -106,13 +101,13 @@ def test_one_kart_while_another_race_control_comes_and_goes_and_the_record_fails
     search(60_000, racing=1, outside=0, around=True, begin=begin, compare=200)
 
 
-# Pauses and starts that wait are read by officials' commands alone, so one kart is enough to look
-# at every state; how a start waits for two karts that come and go, a search looks at that ends.
+# Pauses and what is on the disk are read by officials' commands alone, so one kart is enough to
+# look at every state; with two karts that come and go, a search looks at the nearest states.
 @pytest.mark.long
 @pytest.mark.longest
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize('begin', ['garage', 'unknown'])
-def test_one_kart_with_pauses_and_starts_that_wait_for_the_disk(begin: str) -> None:
+def test_one_kart_with_pauses_and_a_slow_disk(begin: str) -> None:
     search(
         40_000,
         racing=1,
@@ -125,7 +120,7 @@ def test_one_kart_with_pauses_and_starts_that_wait_for_the_disk(begin: str) -> N
     )
 
 
-def test_the_nearest_states_of_two_karts_with_pauses_and_starts_that_wait_for_the_disk() -> None:
+def test_the_nearest_states_of_two_karts_with_pauses_and_a_slow_disk() -> None:
     search = oracle.Search(race, racing=1, outside=1, begin='grid', waits=True, compare=160)
     assert search.run(1_500).pairs_compared > 50
 
@@ -140,11 +135,10 @@ def test_the_nearest_states_of_two_karts_with_pauses_and_starts_that_wait_for_th
     ids=['stopped', 'told-only'],
 )
 def test_one_kart_while_those_who_can_stop_it_come_and_go(times: dict[str, object]) -> None:
-    world = {'racing': 1, 'outside': 0, 'people': True, 'track': False, 'times': times}
-    search(60_000, compare=200, **world)
+    search(60_000, compare=200, racing=1, outside=0, people=True, without=CLOSED, times=times)
 
 
-def test_the_nearest_states_of_starts_that_wait_while_people_come_and_go() -> None:
+def test_the_nearest_states_of_a_slow_disk_while_people_come_and_go() -> None:
     world = {'racing': 1, 'outside': 0, 'begin': 'grid', 'people': True, 'waits': True}
     search = oracle.Search(race, **world, compare=160, without=UNMARKED)  # type: ignore[arg-type]
     assert search.run(500).pairs_compared > 20
@@ -168,7 +162,7 @@ def test_the_nearest_states_of_heats_and_of_finishes_that_name_their_race() -> N
     ids=['all-in-and-the-official-ends-the-race', 'all-outside-and-no-time-to-stop'],
 )
 def test_two_karts_with_other_beginnings_and_times(racing: int, times: dict[str, object]) -> None:
-    search(60_000, racing=racing, outside=2 - racing, track=False, times=times)
+    search(60_000, racing=racing, outside=2 - racing, without=CLOSED, times=times)
 
 
 class Forgetful(oracle.Search):  # type: ignore[misc, name-defined]

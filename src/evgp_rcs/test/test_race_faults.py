@@ -63,7 +63,7 @@ WORLDS = {
     'grid': world(150, 1, 1, 'grid', times=AT_ONCE),
     'around': world(320, 1, 0, 'grid', around=True, times=AT_ONCE),
     'crash': world(150, 1, 0, 'crash'),
-    'crash on the grid': world(150, 1, 0, 'crash on the grid'),
+    'lost on the grid': world(150, 1, 0, 'lost on the grid'),
     'unknown': world(150, 1, 0, 'unknown'),
     'network': world(60, 1, 0, 'grid', network=True, times=AT_ONCE),
     'network and pauses': world(60, 1, 0, 'grid', network=True, waits=True),
@@ -136,10 +136,10 @@ a stop that is in force is sent again and its acknowledgement falls: stop-idempo
 a kart is not told at once: stop-at-once, sent-wrong, restart _hold: skips _redirect
 ALL_KILL forgets the karts outside the race: stop-at-once _all_kill: values #1 => self.racing
 GREEN_GREEN after another command than GRID_ACTIVE: available-from, availability, green-needs-grid
-    [grid] _decide: instead of GRID_ACTIVE: self.grid_was_last |= command.kind is
+    [grid] command: instead of GRID_ACTIVE: self.grid_was_last |= kind is
     CommandKind.GRID_ACTIVE
-closing the track comes between GRID_ACTIVE and GREEN_GREEN: availability [grid] _decide:
-    bookkeeping => it and command.kind is not CommandKind.CLOSE_TRACK
+closing the track comes between GRID_ACTIVE and GREEN_GREEN: availability [grid] command:
+    bookkeeping => it and kind is not CommandKind.CLOSE_TRACK
 GREEN_GREEN while a kart is not connected: availability, green-needs-acks _refusals: racing
     _unanswered => self._unanswered(each for each in self.racing() if each.connected)
 GREEN_GREEN while a kart has not acknowledged: availability, green-needs-acks, refusal-silent
@@ -202,7 +202,7 @@ a kart lost in motion lets humans on the track: track-access, availability _dang
     may_be_moving MSR
 a kart that was told to go counts as standing: doubt-unnoticed, effect _redirect:
     _covered_by_statement not => state is not GREEN_GREEN and it
-a refused command takes GREEN_GREEN away: refused-changes _decide: after refused:
+a refused command takes GREEN_GREEN away: refused-changes command: after refused:
     if refusal: ¶> self.grid_was_last = False
 a refusal does not name the kart: refusal-silent _unanswered: _silence f =>
     f'{self._silence(each)}'
@@ -300,7 +300,7 @@ a race starts without a record: no-record, availability _no_race: never
     record_fails
 a failing record raises no alert: alerts _current_alerts: record_fails #1 => it and self.has_rival
 a release is taken right behind a stop: effect, pause, available-from command: skips _pause
-a stop to one kart lets a release through: effect, pause, available-from command: kind stop => it
+a stop to one kart lets a release through: effect, pause, available-from command: stop entry => it
     and (not command.kart)
 a release that came before a stop is taken when the pause is over: pause _refusal_of: availability
     came => self.availability(kind, command.kart, max(came, self.paused_until))
@@ -459,7 +459,7 @@ a kart that was lost before a restart raises no alarm: restart, alerts recover: 
 the statement answers for a kart that was known in doubt: availability, as-seen, hold-forgotten,
     track-access [crash] _covered_by_statement: without doubt
 the statement answers for a kart that was lost on the grid: availability, as-seen, hold-forgotten,
-    track-access [crash on the grid] _covered_by_statement: doubt => kart.may_be_moving
+    track-access [lost on the grid] _covered_by_statement: doubt => kart.may_be_moving
 the statement answers for a kart that was held alone: availability, available-from, as-seen,
     alone-released, hold-forgotten [unknown] _covered_by_statement: without held_alone
 the statement answers for absent karts without a restart: doubt-unnoticed _covered_by_statement:

@@ -103,7 +103,6 @@ class Races(RuleBasedStateMachine):
         self.facts = oracle.check_input(
             self.race, before, self.facts, given, outcome, after, self.now
         )
-        oracle.check_news(rules, self.race, outcome)
         oracle.check_state(self.race, after, self.facts, self.now)
         return outcome
 

@@ -722,13 +722,27 @@ class Race:
         :param came: the time in seconds when the command arrived; None if it arrived just now.
         :returns: an outcome with the answer.
         """
-        came = now if came is None else came
-        if CATALOGUE[command.kind].stop:
+        kind, entry = command.kind, CATALOGUE[command.kind]
+        if entry.stop:
             # Another official may have sent a release without having seen this stop, and it may
             # arrive after the stop. It must not undo the stop.
             self._pause('a stop was sent just now', now)
-        refusal = self._refusal_of(command, came)
-        return self._outcome(self._decide(command, refusal, now))
+        refusal = self._refusal_of(command, now if came is None else came)
+        answer = Answer(False, f'{kind.value} refused: {refusal}.')
+        self._by = command
+        if not refusal:
+            if not entry.bookkeeping:
+                self.grid_was_last = kind is CommandKind.GRID_ACTIVE
+            pressed = f' {kind.value} was {command.pressed}.' if command.pressed else ''
+            effect = COMMANDS[kind].effect(self, command, now)
+            answer = Answer(True, _capital(f'{effect}.{pressed}'))
+        after = command.age if command.pressed else 0.0
+        self._add_event(
+            EventKind.COMMAND, answer.message, command.kart, success=answer.success, after=after
+        )
+        self._events.insert(0, self._events.pop())  # the command comes before its effects
+        self._by = None
+        return self._outcome(answer)
 
     def saved(self, grid: int) -> Outcome:
         """Record that a memory of this GRID_ACTIVE (``RaceMemory.grid``) is on the disk."""
@@ -794,28 +808,6 @@ class Race:
                 wait = f'{kart}: {self._silence(kart)}. Wait for it, or '
             return f'{wait}state that {offered.statement}'
         return self._misnamed(command, {*offered.karts}, came)
-
-    def _decide(self, command: Command, refusal: str, now: float) -> Answer:
-        """Put a command into effect or refuse it, and add the command's event."""
-        self._by = command
-        before = len(self._events)
-        answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
-        if not refusal:
-            if not CATALOGUE[command.kind].bookkeeping:
-                self.grid_was_last = command.kind is CommandKind.GRID_ACTIVE
-            pressed = f' {command.kind.value} was {command.pressed}.' if command.pressed else ''
-            effect = COMMANDS[command.kind].effect(self, command, now)
-            answer = Answer(True, _capital(f'{effect}.{pressed}'))
-        self._add_event(
-            EventKind.COMMAND,
-            answer.message,
-            command.kart,
-            success=answer.success,
-            after=command.age if command.pressed else 0.0,
-        )
-        self._events.insert(before, self._events.pop())  # the command comes before its effects
-        self._by = None
-        return answer
 
     def connected(self, number: int, now: float) -> Outcome:
         """
@@ -1012,7 +1004,7 @@ class Race:
             return Availability(kind, False, reason)
         # A reason from the rules is more useful to the official than a mention of the pause.
         if CATALOGUE[kind].loosens and now < self.paused_until:
-            paused = f'{self._paused_by}. {SEND_AGAIN}'
+            paused = f'{self._paused_by}. Check the race, then send this command again'
             return Availability(kind, False, paused, available_from=self.paused_until)
         karts = tuple(sorted(each.number for each in rule.karts(self, kart)))
         return Availability(kind, True, statement=rule.statement(self, kart), karts=karts)
@@ -1655,9 +1647,7 @@ class Race:
         )
 
     def _report_all_answered(self) -> None:
-        if self.state is IN_GARAGE:
-            return
-        waited_for = self._waited_for()
+        waited_for = [] if self.state is IN_GARAGE else self._waited_for()
         answered = bool(waited_for) and all(kart.answered for kart in waited_for)
         if answered and not self._reported_all_answered:
             whole = all(kart.acknowledged for kart in self.racing())
@@ -1772,7 +1762,7 @@ class Race:
         self._events.append(event)
 
     def _outcome(self, answer: Answer | None = None) -> Outcome:
-        of_race, karts = (self.number, self.heat), self.karts
+        of_race, karts = (self.number, self.heat if self._events else ''), self.karts
         # Not `_replace`, which is slow: it would delay a stop to a hundred karts by 0.3 ms.
         events = tuple(
             # An event may concern no kart, or one that has left the roster.
@@ -1798,8 +1788,6 @@ IN_CONTACT = 'in contact with any screen or button that can stop the race'
 
 NO_KART = Kart(0)
 """The kart of a command that is not for one kart. The rules only read it."""
-
-SEND_AGAIN = 'Check the race, then send this command again'
 
 
 def _cut(phrases: list[str]) -> str:
