@@ -14,7 +14,7 @@ The rules are a parameter (a module), so that the same search can be let loose o
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass, field
 import functools
@@ -174,7 +174,7 @@ class RuleBrokenError(AssertionError):
 
 
 class KartView(NamedTuple):
-    """What the oracle sees of one kart: attributes of the rules' kart, and ``barred``."""
+    """What the oracle sees of one kart: attributes of the rules' kart."""
 
     number: int
     in_race: bool
@@ -192,7 +192,7 @@ class KartView(NamedTuple):
     contested: bool
     went_silent_at: float | None
     lost_since: float | None
-    barred: bool
+    inspected: str
 
     @property
     def moving(self) -> bool:
@@ -203,6 +203,7 @@ class View(NamedTuple):
     """
     What the oracle sees of the race: the first fields are attributes of the rules' race.
 
+    :param strict: an inspection is required.
     :param able: somebody is there who can stop the race.
     :param fault: something is wrong with a button.
     """
@@ -218,6 +219,7 @@ class View(NamedTuple):
     starters: tuple[int, ...]
     paused_until: float
     opening: int
+    strict: bool
     cut: bool
     trouble: bool
     able: bool
@@ -314,22 +316,16 @@ class Judgement(NamedTuple):
     karts: tuple[int, ...] = ()
 
 
-_KART = operator.attrgetter(*KartView._fields[:-1], 'inspected')
+_KART = operator.attrgetter(*KartView._fields)
 # As KartView._make and View._make, in half the time.
 _kart_view: Callable[[Iterable[Any]], KartView] = functools.partial(tuple.__new__, KartView)
 _view: Callable[[Iterable[Any]], View] = functools.partial(tuple.__new__, View)
-_RACE = operator.attrgetter(*View._fields[:11])
+_RACE = operator.attrgetter(*View._fields[:11], 'times.require_inspection')
 
 
 def look(race: Any) -> View:
     """Return what the oracle sees of a race."""
-    required = race.times.require_inspection
-    karts = tuple(
-        [
-            _kart_view((*fields, required and not inspected))
-            for *fields, inspected in map(_KART, race.karts.values())
-        ]
-    )
+    karts = tuple(map(_kart_view, map(_KART, race.karts.values())))
     someone, fault = race.there.able > 0, bool(race.there.button_fault)
     wrong = bool(race.cut_off_by), bool(race.record_fails)
     return _view((*_RACE(race), *wrong, someone, fault, karts))
@@ -407,6 +403,11 @@ def _is_unanswered(view: Any, kart: Any) -> bool:
     return kart.connected and not answers and _is_covered(view, kart)
 
 
+def _uninspected(view: View, karts: Iterable[KartView]) -> tuple[int, ...]:
+    """Return which of these karts may not race for want of an inspection."""
+    return tuple(kart.number for kart in karts if view.strict and not kart.inspected)
+
+
 def _unfit(view: View) -> tuple[int, ...]:
     """Return with whom no race starts, whatever karts answer."""
     racing = [kart for kart in view.karts if kart.in_race]
@@ -442,7 +443,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     numbers = tuple(kart.number for kart in racing)
     state = view.state
     if kind == 'GRID_ACTIVE':
-        unfit = tuple(kart.number for kart in racing if kart.barred) or _unfit(view)
+        unfit = _uninspected(view, racing) or _unfit(view)
         in_time = state in (IN_GARAGE, GRID_ACTIVE) and bool(racing)
         allowed = in_time and not unfit and not view.trouble
         return Judgement(allowed, True, unfit * in_time, numbers)
@@ -503,7 +504,9 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     if kind == 'KART_IN_GARAGE':
         return Judgement(_red(kart), not (kart.connected and _stands(kart)), (), (number,))
     if kind == 'JOIN_RACE':
-        return Judgement(not kart.in_race and state is IN_GARAGE and not kart.barred)
+        return Judgement(
+            not kart.in_race and state is IN_GARAGE and not _uninspected(view, [kart])
+        )
     assert kind == 'LEAVE_RACE', kind
     return Judgement(kart.in_race and state in (IN_GARAGE, GRID_ACTIVE))
 
@@ -578,23 +581,14 @@ def _heat_in_race(view: View, facts: Facts) -> str | None:
 
 def _is_barred(view: View, given: Input) -> bool:
     """Return whether a command is refused for want of an inspection, if for nothing else."""
-    heats = [heat.karts for heat in view.heats if heat.name == given.heat]
-    return any(
-        (given.kind == 'GRID_ACTIVE' and kart.in_race)
-        or (given.kind == 'JOIN_RACE' and kart.number == given.kart)
-        or (given.kind == 'SET_HEAT' and any(kart.number in karts for karts in heats))
-        for kart in view.karts
-        if kart.barred
-    )
-
-
-def _acknowledges(view: View, given: Input) -> bool:
-    """Return whether what a kart says is its present state under its present serial."""
-    for kart in view.karts:
-        if kart.number == given.kart:
-            heard = given.state is kart.sent and given.serial == kart.serial
-            return kart.connected and heard
-    return False
+    concerned = {given.kart}
+    if given.kind == 'GRID_ACTIVE':
+        concerned = {kart.number for kart in view.karts if kart.in_race}
+    elif given.kind == 'SET_HEAT':
+        concerned = {n for heat in view.heats if heat.name == given.heat for n in heat.karts}
+    elif given.kind != 'JOIN_RACE':
+        return False
+    return not concerned.isdisjoint(_uninspected(view, view.karts))
 
 
 def _hear(kart: Any, given: Input, now: float, settle: float) -> None:
@@ -651,6 +645,8 @@ def expect(
         pause(times.pause)
     if not accepted:
         return view._replace(paused_until=race.paused_until)
+    if what == 'saved' or what in OF_A_LINK:
+        return view
     karts: list[Any] = [SimpleNamespace(**kart._asdict()) for kart in view.karts]
     mine = next((kart for kart in karts if kart.number == number), karts[0])
     resent = None
@@ -680,8 +676,6 @@ def expect(
         race.able, race.fault = given.statement, kind == 'fault'
     elif what == 'record':
         race.trouble = given.statement
-    elif what == 'saved' or what in OF_A_LINK:
-        pass
     elif what == 'cut off':
         race.cut = given.statement
     elif what == 'held up':
@@ -906,7 +900,7 @@ def learn(before: View, facts: Facts, given: Input, after: View, now: float) -> 
                     ready = given.state is GRID_ACTIVE and (ready or given.serial == old.serial)
                 if given.state is not old.sent:
                     stood = None
-                elif given.state in REDS and _acknowledges(before, given) and stood is None:
+                elif given.state in REDS and given.serial == old.serial and stood is None:
                     stood = now
         if kart.serial != old.serial or not kart.connected:
             stood = None
@@ -1064,9 +1058,9 @@ def _is_unknown(view: View) -> bool:
 
 def _check_events(race: Any, before: View, given: Input, outcome: Any, after: View) -> None:
     """Check what is told: why the state of the race changed, who has answered, and who won."""
-    told: dict[str, list[Any]] = {'RACE_STATE': [], 'ORDER_OF_FINISH': [], 'ALL_ACKNOWLEDGED': []}
+    told: dict[str, list[Any]] = defaultdict(list)
     for event in outcome.events:
-        told.setdefault(event.kind.name, []).append(event)
+        told[event.kind.name].append(event)
     changes = told['RACE_STATE']
     if len(changes) != (after.state is not before.state) or (changes and not race.state_cause):
         raise RuleBrokenError('cause', f'{given} in {before}: {changes}')
@@ -1893,9 +1887,11 @@ class Search:
                 self._command('KART_IN_GARAGE', later, number)
         self._check_home(outcome)
         # And the next race can begin, of those who may race.
-        for kart in look(race).karts:
-            if kart.in_race is kart.barred:
-                self._command('LEAVE_RACE' if kart.barred else 'JOIN_RACE', later, kart.number)
+        view = look(race)
+        barred = _uninspected(view, view.karts)
+        for kart in view.karts:
+            if kart.in_race is (kart.number in barred):
+                self._command('LEAVE_RACE' if kart.in_race else 'JOIN_RACE', later, kart.number)
         self._command('CLOSE_TRACK', later)
         give(self.rules, race, Input('there', statement=True), later)
         if not self._command('GRID_ACTIVE', later + 10.0).answer.success:
