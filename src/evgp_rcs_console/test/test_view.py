@@ -477,56 +477,45 @@ def test_the_failure_of_a_part_of_race_control_asks_for_the_msr() -> None:
     assert warning(alerting(AlertKind.KART_LOST)) is None
 
 
-@pytest.mark.parametrize(
-    ('silent_for', 'title', 'barred'),
-    [
-        (None, texts.NOT_YET, texts.NOT_YET_REASON),
-        (0.0, '', ''),
-        (GONE_AFTER - 0.01, '', ''),
-        (GONE_AFTER, texts.GONE, texts.GONE_REASON),
-    ],
-)
-def test_race_control_is_gone_within_a_second(
-    silent_for: float | None, title: str, barred: str
-) -> None:
-    never = Latest(began=0.0).danger(3.0)
-    said = never if silent_for is None else warning(GREEN, silent_for=silent_for)
-
-    assert (said.title if said else '', said.barred if said else '') == (title, barred)
-    assert GONE_AFTER < 1.0
-    if said:
-        # Before the first snapshot, there is no sign of any race.
-        assert (said.advice == texts.USE_MSR) is (silent_for is not None)
-
-
 STOPPED_BY_MSR = replace(RACE.track, allowed=True, msr_used=True)
+MOVING = (replace(KART, may_be_moving=True),)
 
 
 @pytest.mark.parametrize(
-    ('calm', 'ended', 'changes'),
+    ('title', 'silent_for', 'ended', 'changes'),
     [
-        (True, True, {'state': IN_GARAGE}),
-        (True, True, {'track': NO_RACE_YET}),
-        (False, False, {}),
-        (False, True, {'track': replace(RACE.track, reason='the race is in GREEN_GREEN')}),
-        (False, True, {'track': replace(RACE.track, settled_by=CommandKind.IN_GARAGE)}),
-        (False, True, {'karts': (replace(KART, may_be_moving=True),)}),
-        (False, True, {'karts': (replace(KART, may_be_moving=True),), 'track': STOPPED_BY_MSR}),
-        (False, True, {'alerts': (lost(7),)}),
-        (False, True, {'alerts': (Alert(AlertKind.PART_FAILED, 0, 0.0, 'failed', True),)}),
+        ('', 0.0, False, {}),
+        ('', GONE_AFTER - 0.01, True, {}),
+        (texts.GONE, GONE_AFTER, False, {}),
+        (texts.ENDED, GONE_AFTER, True, {'state': IN_GARAGE}),
+        (texts.ENDED, 5.0, True, {'track': NO_RACE_YET}),
+        (texts.GONE, 5.0, True, {'track': replace(RACE.track, reason='it is GREEN_GREEN')}),
+        (texts.GONE, 5.0, True, {'track': replace(NO_RACE_YET, settled_by=CommandKind.IN_GARAGE)}),
+        (texts.GONE, 5.0, True, {'karts': MOVING}),
+        (texts.GONE, 5.0, True, {'karts': MOVING, 'track': STOPPED_BY_MSR}),
+        (texts.GONE, 5.0, True, {'alerts': (lost(7),)}),
+        (texts.GONE, 5.0, True, {'alerts': (Alert(AlertKind.PART_FAILED, 0, 0.0, 'x', True),)}),
     ],
 )
-def test_the_msr_is_asked_for_when_race_control_is_gone_but_for_a_good_end_without_a_doubt(
-    calm: bool, ended: bool, changes: dict[str, object]
+def test_race_control_is_gone_within_a_second_unless_it_ended_without_a_doubt(
+    title: str, silent_for: float, ended: bool, changes: dict[str, object]
 ) -> None:
     rest = replace(RACE, track=replace(RACE.track, allowed=True, reason='all are in the garage'))
 
-    said = warning(replace(rest, **changes), silent_for=5.0, ended=ended)
+    said = warning(replace(rest, **changes), silent_for=silent_for, ended=ended)
 
-    assert said is not None
-    assert (said.title == texts.ENDED, said.advice == texts.USE_MSR) == (calm, not calm)
-    assert said.stale
-    assert said.barred
+    assert (said.title if said else '') == title
+    assert GONE_AFTER < 1.0
+    if said is not None:
+        assert (said.advice == texts.USE_MSR) is (title == texts.GONE)
+        assert (said.stale, said.barred) == (True, texts.GONE_REASON)
+
+
+def test_before_the_first_snapshot_there_is_no_sign_of_any_race() -> None:
+    never = Latest(began=0.0).danger(3.0)
+    assert never is not None
+    assert (never.title, never.barred) == (texts.NOT_YET, texts.NOT_YET_REASON)
+    assert never.advice != texts.USE_MSR
 
 
 def test_the_end_of_one_of_two_race_controls_is_not_taken_for_the_end_of_the_other() -> None:
