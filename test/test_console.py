@@ -151,39 +151,6 @@ def test_a_name_that_ros_takes_for_a_number_is_a_name(domain: int) -> None:
         assert _official(window.node) == '7'
 
 
-def test_a_window_that_is_killed_changes_nothing_and_the_next_one_stops_the_kart(
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-    connect_kart: ConnectKart,
-    parts: contextlib.ExitStack,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    need_screen()
-    control = start_race_control(in_race=(1,), nobody_there=PATIENCE)
-    official = join_official(control)
-    screen = parts.enter_context(Screen())
-    monkeypatch.setenv('DISPLAY', screen.display)
-    monkeypatch.setenv('QT_QPA_PLATFORM', 'xcb')
-    screen.expect_window()
-    kart = connect_kart(control, 1, EACH_CHANGE)
-    official.wait_for_connected(1)
-    window = parts.enter_context(Process('evgp_rcs_console', 'rcs_gui', control.domain))
-    screen.wait_for_window()
-    official.command('grid_active', track_clear=True)
-    official.wait_for_acks(GRID_ACTIVE, 1)
-
-    window.kill()
-    again = parts.enter_context(Process('evgp_rcs_console', 'rcs_gui', control.domain))
-    screen.wait_for_window()
-    assert kart.state is GRID_ACTIVE
-    # Without a window manager the keys go to the window below the pointer.
-    screen.move(100, 100)
-    screen.key('space')
-
-    kart.wait_for_state(RED_RED)
-    assert again.close() == 0
-
-
 def test_once_the_last_window_hangs_its_race_is_sent_red_flag(
     start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
 ) -> None:
@@ -646,6 +613,31 @@ def test_a_name_is_chosen_once_and_goes_with_every_command_also_of_the_next_wind
     assert first.startswith(f'{NAME} (')
     assert second.startswith(f'{NAME} (')
     assert first != second
+
+
+def test_a_window_that_is_killed_changes_nothing_and_the_next_one_stops_the_kart(
+    open_beside: OpenBeside, parts: contextlib.ExitStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, (kart,), official = open_beside(1)
+    domain = official.context.get_domain_id()
+    screen = parts.enter_context(Screen())
+    monkeypatch.setenv('DISPLAY', screen.display)
+    monkeypatch.setenv('QT_QPA_PLATFORM', 'xcb')
+    screen.expect_window()
+    window = parts.enter_context(Process('evgp_rcs_console', 'rcs_gui', domain))
+    screen.wait_for_window()
+    official.bring_to(GRID_ACTIVE)
+
+    window.kill()
+    again = parts.enter_context(Process('evgp_rcs_console', 'rcs_gui', domain))
+    screen.wait_for_window()
+    assert kart.state is GRID_ACTIVE
+    # Without a window manager the keys go to the window below the pointer.
+    screen.move(100, 100)
+    screen.key('space')
+
+    kart.wait_for_state(RED_RED)
+    assert again.close() == 0
 
 
 # ----- old keys and clicks ------------------------------------------------------------------
