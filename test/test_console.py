@@ -484,7 +484,11 @@ def test_screenshots_of_links_that_are_good_fair_poor_and_lost_30_s_after_green(
 
 @pytest.fixture(scope='module')
 def the_desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Desk, Console]]:
-    """Return a race control with three karts, and a window, for the tests that end neither."""
+    """
+    Return a race control with three karts, and a window, for the tests that end neither.
+
+    These come last in this file, since both work as long as they are there.
+    """
     need_screen()
     folder = tmp_path_factory.mktemp('desk')
     given = {'finish_delays': '[0.2, 0.1]', 'officials': f'[Anna Meier, {NAME}]'}
