@@ -8,13 +8,12 @@ It runs as a process of its own, in the network namespace that has one end of ev
 cable, and needs nothing but the standard library. Ethernet frames (IPv4 and ARP) go from cable
 to cable by their destination, broadcasts and multicasts to each; for each machine and direction
 there is a share that is lost, a delay, and perhaps a rate, with a queue before it. Orders come as
-one line of JSON each on standard input, and each is answered by one on standard output; when the
-input ends, so does the relay.
+one line of JSON each on standard input, and each is answered by the time at which it was carried
+out (monotonic, s) on standard output; when the input ends, so does the relay.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import contextlib
 import dataclasses
 import heapq
@@ -22,11 +21,10 @@ import itertools
 import json
 import os
 import random
-import select
+import selectors
 import socket
 import sys
 import time
-from typing import Any
 
 _SOL_PACKET = 263
 _PACKET_IGNORE_OUTGOING = 23
@@ -92,54 +90,44 @@ class Relay:
         self._cables: dict[str, Cable] = {}
         self._late: list[tuple[float, int, Cable, bytes]] = []
         self._order = itertools.count()
-        self._poll = select.poll()
-        self._by_number: dict[int, Cable] = {}
+        self._selector = selectors.DefaultSelector()
 
     def run(self) -> None:
         """Relay frames and obey orders until there are none any more."""
-        self._poll.register(0, select.POLLIN)
+        self._selector.register(sys.stdin, selectors.EVENT_READ)
         while True:
-            wait = (self._late[0][0] - time.monotonic()) * 1000 if self._late else None
-            for number, _ in self._poll.poll(None if wait is None else max(wait, 0)):
-                if number == 0:
-                    line = sys.stdin.readline()
-                    if not line:
-                        return
-                    print(json.dumps(self._obey(json.loads(line))), flush=True)
-                elif number in self._by_number:
-                    self._read(self._by_number[number])
+            wait = max(self._late[0][0] - time.monotonic(), 0) if self._late else None
+            for ready, _ in self._selector.select(wait):
+                if ready.data is not None:
+                    self._read(ready.data)
+                elif line := sys.stdin.readline():
+                    order = json.loads(line)
+                    getattr(self, f'order_{order.pop("do")}')(**order)
+                    print(time.monotonic(), flush=True)
+                else:
+                    return
             while self._late and self._late[0][0] <= time.monotonic():
                 _, _, target, frame = heapq.heappop(self._late)
                 self._deliver(target, frame)
 
-    def _obey(self, order: dict[str, Any]) -> object:
-        obey: Callable[..., object] = getattr(self, f'order_{order.pop("do")}')
-        return obey(**order)
-
     # ----- orders -------------------------------------------------------------------------
 
-    def order_plug(self, name: str, hardware: str) -> float:
-        """Take a cable that is there; return the time."""
-        cable = Cable(name, bytes.fromhex(hardware.replace(':', '')))
-        self._cables[name] = cable
-        self._by_number[cable.socket.fileno()] = cable
-        self._poll.register(cable.socket, select.POLLIN)
-        return time.monotonic()
+    def order_plug(self, name: str, hardware: str) -> None:
+        """Take a cable that is there."""
+        cable = self._cables[name] = Cable(name, bytes.fromhex(hardware.replace(':', '')))
+        self._selector.register(cable.socket, selectors.EVENT_READ, cable)
 
-    def order_unplug(self, name: str) -> float:
-        """Let go of a cable; return the time."""
+    def order_unplug(self, name: str) -> None:
+        """Let go of a cable."""
         cable = self._cables.pop(name)
-        del self._by_number[cable.socket.fileno()]
-        self._poll.unregister(cable.socket)
+        self._selector.unregister(cable.socket)
         cable.socket.close()
-        return time.monotonic()
 
-    def order_air(self, name: str, toward: list[float], back: list[float], evenly: bool) -> float:
-        """Set loss, delay and rate toward a machine and back from it; return the time."""
+    def order_air(self, name: str, toward: list[float], back: list[float], evenly: bool) -> None:
+        """Set loss, delay and rate toward a machine and back from it."""
         cable = self._cables[name]
         for air, (loss, delay, rate) in ((cable.toward, toward), (cable.back, back)):
             air.loss, air.delay, air.rate, air.evenly = loss, delay, rate, evenly
-        return time.monotonic()
 
     # ----- frames -------------------------------------------------------------------------
 
@@ -167,10 +155,8 @@ class Relay:
     def _deliver(self, target: Cable, frame: bytes) -> None:
         if self._cables.get(target.name) is not target:
             return  # it was unplugged while the frame was on its way
-        try:
+        with contextlib.suppress(OSError):  # the cable is being pulled
             target.socket.send(frame)
-        except OSError:
-            pass  # the cable is being pulled
 
 
 if __name__ == '__main__':

@@ -67,10 +67,7 @@ def join_official(parts: contextlib.ExitStack) -> JoinOfficial:
     """Return a function that lets an official join a race control's domain."""
     from evgp_testing.official import Official
 
-    def join(control: RaceControl) -> Official:
-        return parts.enter_context(Official(control.domain))
-
-    return join
+    return lambda control: parts.enter_context(Official(control.domain))
 
 
 @pytest.fixture
@@ -129,7 +126,4 @@ def join_team(parts: contextlib.ExitStack) -> JoinTeam:
     """Return a function that lets a team's stack join the domain of its bridge."""
     from evgp_testing.kart import Team
 
-    def join(bridge: Bridge) -> Team:
-        return parts.enter_context(Team(bridge.domain))
-
-    return join
+    return lambda bridge: parts.enter_context(Team(bridge.domain))
