@@ -53,7 +53,17 @@ class Waits:
 
     told: list[RaceState]
     watch: Any
-    wait_until: Callable[..., Any]
+
+    def wait_until(self, found: Callable[[], T], what: Callable[[], str]) -> T:
+        """Poll, as of a message that changes no state nobody is told, and nobody in C++."""
+        until = time.monotonic() + PATIENCE
+        while not (value := found()):
+            assert time.monotonic() < until, f'not within {PATIENCE:g} s: {what()}'
+            time.sleep(0.02)
+        return value
+
+    def wait_until_polled(self, found: Callable[[], object], what: str) -> None:
+        self.wait_until(found, lambda: what)
 
     def wait_for_state(self, state: RaceState) -> None:
         self.wait_until(
@@ -95,8 +105,6 @@ class StackInPython(Waits, RosSide):
         self._busy = threading.Lock()
         self._busy_at: RaceState | None = None
         self.watch = RaceStateWatch(self.node, self._tell, lease=lease)
-        # A message that changes no state is told to nobody: look for it now and then.
-        self.node.create_timer(0.02, self._wake)
         if turn:
             self.node.create_timer(0.01, lambda: self._turn(turn))
         self.spin()
@@ -113,14 +121,8 @@ class StackInPython(Waits, RosSide):
         self.turns += 1
         time.sleep(turn)
 
-    def _wake(self) -> None:
-        with self.news:
-            self.news.notify_all()
-
     def _tell(self, state: RaceState) -> None:
-        with self.news:
-            self.told.append(state)
-            self.news.notify_all()
+        self.told.append(state)
         if state is self._busy_at:
             with self._busy:
                 pass
@@ -187,16 +189,6 @@ class StackInCpp(Waits, Part):
         self._tell(f'busy_in {state_message(state).state}')
         yield
         self._tell('busy_in -1')
-
-    def wait_until(self, found: Callable[[], T], what: Callable[[], str]) -> T:
-        until = time.monotonic() + PATIENCE
-        while not (value := found()):
-            assert time.monotonic() < until, f'not within {PATIENCE:g} s: {what()}'
-            time.sleep(0.02)
-        return value
-
-    def wait_until_polled(self, found: Callable[[], object], what: str) -> None:
-        self.wait_until(found, lambda: what)
 
     def close(self) -> None:
         assert self._probe.stdin is not None
