@@ -157,22 +157,23 @@ class NetworkRace:
                 and seconds_of(event.monotonic) >= self.began
             ]
 
-    def wait_for(self, kind: int, kart: int, since: float, what: str) -> msg.RaceEvent:
+    def wait_for(self, since: float, what: str, **fields: int) -> msg.RaceEvent:
         """
-        Return the first event of a kind about a kart since then (monotonic, s).
+        Return the first event with these fields since then (monotonic, s).
 
         :raises AssertionError: if none comes in time.
         """
         return self.official.wait_for_event(
             lambda event: (
-                (event.kind, event.kart) == (kind, kart) and seconds_of(event.monotonic) >= since
+                seconds_of(event.monotonic) >= since
+                and all(getattr(event, name) == value for name, value in fields.items())
             ),
             what,
         )
 
     def wait_for_lost(self, since: float) -> msg.RaceEvent:
         """Return the event that says the faulty kart was lost since then (monotonic, s)."""
-        return self.wait_for(Event.DISCONNECTED, FAULTY, since, 'kart 1 is lost')
+        return self.wait_for(since, 'kart 1 is lost', kind=Event.DISCONNECTED, kart=FAULTY)
 
     def wait_for_stopped(self, since: float) -> None:
         """Return once the faulty kart's stack had to obey RED_RED since then (monotonic, s)."""
@@ -184,7 +185,7 @@ class NetworkRace:
 
     def wait_for_back(self, since: float) -> None:
         """Return once the faulty kart is connected again since then, and sent RED_RED."""
-        self.wait_for(Event.CONNECTED, FAULTY, since, 'kart 1 is back')
+        self.wait_for(since, 'kart 1 is back', kind=Event.CONNECTED, kart=FAULTY)
         self.wait_for_held()
 
     def wait_for_held(self) -> None:
@@ -316,14 +317,9 @@ def test_officials_are_told_of_a_link_that_answers_late_before_it_is_lost(
         race.official.wait_for_kart(kart, is_good, 'a good link')
     began = race.began = time.monotonic()
     race.machine.air(delay=delay)
-    race.official.wait_for_event(
-        lambda event: (
-            (event.kart, event.grade) == (FAULTY, grade) and seconds_of(event.monotonic) >= began
-        ),
-        'a link that is not good',
-    )
+    race.wait_for(began, 'a link that is not good', kart=FAULTY, grade=grade)
     if grade == msg.LinkQuality.POOR:
-        alert = race.wait_for(Event.ALERT_RAISED, FAULTY, began, 'a warning')
+        alert = race.wait_for(began, 'a warning', kind=Event.ALERT_RAISED, kart=FAULTY)
         assert alert.alert == msg.Alert.LINK_POOR
     assert not race.events(Event.DISCONNECTED, FAULTY)
     others = race.events(Event.LINK_GRADE, GOOD)
@@ -346,14 +342,13 @@ def test_where_race_control_loses_its_cable_every_kart_stops_and_comes_back_held
     pull, plug = PULLED[what]
     race.own.ip(pull)
     for kart in (FAULTY, GOOD):
-        race.wait_for(Event.DISCONNECTED, kart, began, f'kart {kart} is lost')
-        race.official.wait_for_event(
-            lambda event, kart=kart: (
-                (event.kind, event.kart, event.alert)
-                == (Event.ALERT_RAISED, kart, msg.Alert.LOST_IN_MOTION)
-                and seconds_of(event.monotonic) >= began
-            ),
+        race.wait_for(began, f'kart {kart} is lost', kind=Event.DISCONNECTED, kart=kart)
+        race.wait_for(
+            began,
             f'kart {kart} was lost while it may have been moving',
+            kind=Event.ALERT_RAISED,
+            kart=kart,
+            alert=msg.Alert.LOST_IN_MOTION,
         )
     race.wait_for_stopped(began)
     race.own.ip(plug)
@@ -377,7 +372,7 @@ def test_a_frozen_bridge_is_seen_by_what_it_does_not_acknowledge(race: NetworkRa
     check_the_other_kart_raced_on(race)
     race.official.command('all_kill')
     race.official.wait_for_acks(RED_RED, GOOD)
-    alert = race.wait_for(Event.ALERT_RAISED, FAULTY, began, 'an alert')
+    alert = race.wait_for(began, 'an alert', kind=Event.ALERT_RAISED, kart=FAULTY)
     assert alert.text.startswith('Use the MSR')
     assert not race.events(Event.DISCONNECTED, FAULTY)
     states = len(race.faulty.team.states)
