@@ -95,6 +95,8 @@ void loop()
     const evgp_verdict verdict = evgp_board_turn(&board);
     feed_watchdog(); /* only here: the clock was checked and the brake is set */
     const char *why = evgp_kart_reason(&board.kart);
+    /* A UART sends this within 10 ms, whether anybody reads it or not. A board with USB of its own
+       (Leonardo, S3, C3) may wait for the computer: there, ask Serial.availableForWrite() first. */
     if (verdict.obey != printed || why != printed_why) {
         printed = verdict.obey;
         printed_why = why;
