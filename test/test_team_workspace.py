@@ -18,29 +18,23 @@ import yaml
 ROOT = pathlib.Path(__file__).parents[1]
 TEMPLATE = ROOT / 'kit/template'
 
-PACKAGE_XML = """<?xml version="1.0"?>
+MESSAGES = {
+    'package.xml': """<?xml version="1.0"?>
 <package format="3">
-  <name>{name}</name>
+  <name>team_msgs</name>
   <version>0.1.0</version>
   <description>A team's package.</description>
   <maintainer email="team@example.org">team</maintainer>
   <license>Apache-2.0</license>
-  {depends}
-  <export><build_type>{build_type}</build_type></export>
-</package>
-"""
-
-MESSAGES = {
-    'package.xml': PACKAGE_XML.format(
-        name='team_msgs',
-        build_type='ament_cmake',
-        depends="""<buildtool_depend>ament_cmake</buildtool_depend>
+  <buildtool_depend>ament_cmake</buildtool_depend>
   <buildtool_depend>rosidl_default_generators</buildtool_depend>
   <depend>evgp_rcs_msgs</depend>
   <depend>std_msgs</depend>
   <exec_depend>rosidl_default_runtime</exec_depend>
-  <member_of_group>rosidl_interface_packages</member_of_group>""",
-    ),
+  <member_of_group>rosidl_interface_packages</member_of_group>
+  <export><build_type>ament_cmake</build_type></export>
+</package>
+""",
     'CMakeLists.txt': """cmake_minimum_required(VERSION 3.8)
 project(team_msgs)
 find_package(ament_cmake REQUIRED)

@@ -323,7 +323,7 @@ class RaceControlLink:
 
     def _hear(self, connection: _Connection, event: StateFrame | MalformedFrame) -> None:
         if isinstance(event, StateFrame):
-            self._status.heard_anything = True
+            self._status.heard_anything = connection.heard_anything = True
             before = self._arbiter.verdict.order
             verdict = self._give(
                 lambda arbiter, now: arbiter.heard(event.state, now, self._turn_before)
@@ -398,10 +398,7 @@ class _Connection(asyncio.BufferedProtocol):
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        events = self._decoder.feed(memoryview(self._buffer)[:nbytes])
-        if any(isinstance(event, StateFrame) for event in events):
-            self.heard_anything = True
-        self._link.heard(self, events)
+        self._link.heard(self, self._decoder.feed(memoryview(self._buffer)[:nbytes]))
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._link.lost(self, self._link.why_closed(self, exc))

@@ -85,9 +85,16 @@ class Team(RosSide):
         self.node.create_subscription(
             msg.KartRaceState, f'{bridge}/race_state', self._hear_state, latched(1)
         )
-        self.node.create_subscription(Bool, f'{bridge}/stop', self._hear_stop, latched(1))
+        self.node.create_subscription(
+            Bool, f'{bridge}/stop', lambda stop: self.learn(stop=stop.data), latched(1)
+        )
         self.node.create_subscription(Odometry, f'{bridge}/odom', self._hear_speed, 10)
-        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._hear_diagnostics, 10)
+        self.node.create_subscription(
+            DiagnosticArray,
+            '/diagnostics',
+            lambda array: self.learn(diagnostics=list(array.status)),
+            10,
+        )
         self._odometry: Publisher | None = None  # two would stop the kart
         self.spin()
 
@@ -179,17 +186,5 @@ class Team(RosSide):
                 self.changes.append((time.monotonic(), heard))
             self.news.notify_all()
 
-    def _hear_stop(self, stop: Bool) -> None:
-        with self.news:
-            self.stop = stop.data
-            self.news.notify_all()
-
     def _hear_speed(self, odometry: Odometry) -> None:
-        with self.news:
-            self.speed = odometry.twist.twist.linear.x
-            self.news.notify_all()
-
-    def _hear_diagnostics(self, array: DiagnosticArray) -> None:
-        with self.news:
-            self.diagnostics = list(array.status)
-            self.news.notify_all()
+        self.learn(speed=odometry.twist.twist.linear.x)

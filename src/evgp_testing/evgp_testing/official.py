@@ -117,11 +117,16 @@ class Official(RosSide):
         }
         subscribe = self.node.create_subscription
         if 'race' in hears:
-            subscribe(msg.Race, '/rcs/race', self._hear_race, latched(1))
+            subscribe(msg.Race, '/rcs/race', lambda race: self.learn(race=race), latched(1))
         if 'events' in hears:
             subscribe(msg.RaceEvents, '/rcs/events', self._hear_events, latched(200))
         if 'results' in hears:
-            subscribe(msg.Results, '/rcs/timekeeper/results', self._hear_results, latched(1))
+            subscribe(
+                msg.Results,
+                '/rcs/timekeeper/results',
+                lambda results: self.learn(results=results),
+                latched(1),
+            )
         self.spin()
 
     def call(self, service: str, **request: Any) -> Answer:
@@ -311,16 +316,6 @@ class Official(RosSide):
         if self.race is not None and self.race.track.open:
             self.command('set_track_open', open=False)
             self.wait_for_race(lambda race: not race.track.open, 'the track closed')
-
-    def _hear_race(self, race: msg.Race) -> None:
-        with self.news:
-            self.race = race
-            self.news.notify_all()
-
-    def _hear_results(self, results: msg.Results) -> None:
-        with self.news:
-            self.results = results
-            self.news.notify_all()
 
     def _hear_events(self, message: msg.RaceEvents) -> None:
         with self.news:

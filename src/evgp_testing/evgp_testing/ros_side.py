@@ -28,7 +28,7 @@ class RosSide(Part):
     """
     A node on a domain, in this process, with methods that wait for what it receives.
 
-    Subclasses subscribe, change their data inside ``with self.news:`` and notify. A method that
+    Subclasses subscribe, and ``learn`` what they hear. A method that
     waits raises AssertionError if what it waits for does not come within ``timeout`` seconds.
     """
 
@@ -74,6 +74,12 @@ class RosSide(Part):
 
         self.node.create_subscription(kind, topic, add, qos)
         return heard
+
+    def learn(self, **news: object) -> None:
+        """Set these attributes, and wake whoever waits for news."""
+        with self.news:
+            vars(self).update(news)
+            self.news.notify_all()
 
     def wait_until(self, found: Callable[[], T], what: Callable[[], str]) -> T:
         """
