@@ -11,7 +11,7 @@ error, because anything that is not a frame becomes a ``MalformedFrame``.
 Theory of operation. `_PIECES` is the grammar: it says what the next piece of a stream is, and
 where it ends. Between two reads, the decoder keeps only a frame that has begun, of at most 31
 bytes, or that it still skips what follows a malformed one. ``$`` starts a new frame everywhere, so
-a valid frame is found after any garbage. No byte lies outside the grammar.
+a valid frame is found after any garbage.
 """
 
 from __future__ import annotations
@@ -93,16 +93,6 @@ class FrameDecoder:
         self._frame = b''  # the frame so far, '$' included; empty outside a frame
         self._skipping = False
 
-    @property
-    def in_frame(self) -> bool:
-        """
-        Return whether a frame has begun but not ended.
-
-        Race control checks this when it sends a command: a frame that began before the command
-        cannot acknowledge it.
-        """
-        return self._frame != b''
-
     def feed(self, data: bytes | bytearray | memoryview) -> list[StateFrame | MalformedFrame]:
         """
         Decode the next bytes of the connection; return the events that they complete, in order.
@@ -110,21 +100,34 @@ class FrameDecoder:
         :param data: any number of bytes, including none.
         :return: the events, which do not depend on how the bytes are split.
         """
+        return [event for event, _ in self.decode(data)]
+
+    def decode(
+        self, data: bytes | bytearray | memoryview
+    ) -> list[tuple[StateFrame | MalformedFrame, int]]:
+        """
+        Decode the next bytes like `feed`, and return where in `data` each event began.
+
+        :return: the events, and their places: below 0 for one that began in earlier data.
+        """
+        before = len(self._frame)
         stream, at = self._frame + bytes(data), 0
         if self._skipping:
             at = stream.find(b'$')
             if at < 0:
                 return []
         self._frame, self._skipping = b'', False
-        events: list[StateFrame | MalformedFrame] = []
-        for piece in _PIECES.finditer(stream, at):
-            kind = piece.lastgroup or ''
+        events: list[tuple[StateFrame | MalformedFrame, int]] = []
+        while at < len(stream):
+            piece = _PIECES.match(stream, at)
+            assert piece is not None  # no byte lies outside the grammar
+            kind, at = piece.lastgroup or '', piece.end()
             raw = piece[kind]
             if kind == 'begun':
                 self._frame = raw
             elif kind == 'frame' and raw in self._valid:
-                events.append(self._valid[raw])
+                events.append((self._valid[raw], piece.start() - before))
             elif kind != 'space':
-                events.append(MalformedFrame(_REASONS[kind], raw))
-                self._skipping = kind != 'frame' and piece.end() == len(stream)
+                events.append((MalformedFrame(_REASONS[kind], raw), piece.start() - before))
+                self._skipping = kind != 'frame' and at == len(stream)
         return events

@@ -255,10 +255,10 @@ class Hearing:
         # that turned out to be for a later order.
         self._alone: tuple[StateFrame, int] | None = None
         self._settled: list[tuple[StateFrame, int]] = []
-        # Places in the stream from the kart: up to which it was read, and the earliest at which
-        # the decoder's current frame can have begun.
+        # Places in the stream from the kart: up to which it was read, and up to which it was read
+        # while nothing counted.
         self._read = 0
-        self._began = 0
+        self._deaf_to = 0
         # Times are in beats: while race control is stalled, it reads nothing either.
         self._beats = 0
         self._heard_in = 0
@@ -360,20 +360,13 @@ class Hearing:
 
         :param data: all bytes of the last read.
         """
-        begin, end = self._read - len(data), self._read
-        # A frame that began before an order's `answers_from` cannot answer it.
-        cuts = {order.answers_from for order in self._orders if begin < order.answers_from < end}
+        begin = self._read - len(data)
+        if self._deaf_beats:
+            self._deaf_to = self._read
         heard: list[tuple[Heard, int]] = []
-        at = begin
-        for cut in (*sorted(cuts), end):
-            place = at if self._deaf_beats == 0 else _TOO_OLD
-            if not self._decoder.in_frame:
-                self._began = place
-            part = slice(at - begin, cut - begin)
-            for each in self._decoder.feed(data[part]):
-                heard.append((each, self._answered_by(each, self._began)))
-                self._began = place
-            at = cut
+        for each, at in self._decoder.decode(data):
+            place = begin + at if begin + at >= self._deaf_to else _TOO_OLD
+            heard.append((each, self._answered_by(each, place)))
         return heard
 
     def beat(self, now: float) -> bool:
@@ -407,7 +400,7 @@ class Hearing:
         """
         Return the serial of the order that a frame answers, which the kart has then reached.
 
-        :param place: the earliest place at which the frame can have begun.
+        :param place: the place at which the frame began.
         """
         self._alone = None
         if self._deaf_beats or not isinstance(heard, StateFrame):
