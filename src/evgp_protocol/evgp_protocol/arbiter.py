@@ -526,7 +526,8 @@ class Arbiter:
             return '' if speed > limit else f'{said}: acknowledge GREEN_GREEN once the kart drives'
         if speed <= limit:
             return ''
-        return f'{said}, not up to standstill_speed ({limit:g} m/s): the kart is still moving'
+        no_standstill = f'which is not a standstill (standstill_speed is {limit:g} m/s)'
+        return f'{said}, {no_standstill}: the kart is still moving'
 
     def _disarm(self, why: str) -> None:
         """Do not obey GREEN_GREEN until a GRID_ACTIVE is acknowledged."""
