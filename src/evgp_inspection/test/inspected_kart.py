@@ -78,6 +78,10 @@ class InspectedKart:
             setattr(self, name, functools.partial(change, self))
         self._next_turn = self.loop.call_later(0.0, self._turn)
 
+    # Other karts do something here.
+    greet = on_malformed = on_turn = lambda self: None
+    prepare = on_frame = on_order = lambda self, x: None
+
     def end(self) -> None:
         self._next_turn.cancel()
         self._close()
@@ -148,18 +152,12 @@ class InspectedKart:
             self.loop.add_reader(link.fileno(), self.read)
         self.greet()
 
-    def prepare(self, link: socket.socket) -> None:
-        pass
-
     def in_turns(self) -> bool:
         """Return whether it reads once in each turn, instead of when something has arrived."""
         return False
 
     def stays_armed_on_new_link(self) -> bool:
         return False
-
-    def greet(self) -> None:
-        pass
 
     def _close(self) -> None:
         if self.link is not None:
@@ -218,9 +216,6 @@ class InspectedKart:
             else:
                 self._hear(frame.state)
 
-    def on_malformed(self) -> None:
-        pass
-
     def _hear(self, state: RaceState) -> None:
         self.heard_at = self.now
         self.frames.append(self.now)
@@ -238,9 +233,6 @@ class InspectedKart:
             self.say(encode(state))
         self.on_order(state)
 
-    def on_frame(self, state: RaceState) -> None:
-        pass
-
     def ignores(self) -> bool:
         return False
 
@@ -251,9 +243,6 @@ class InspectedKart:
         if self.before is None:
             return self.commanded is not IN_GARAGE
         return self.before is GRID_ACTIVE and self.commanded is GREEN_GREEN
-
-    def on_order(self, state: RaceState) -> None:
-        pass
 
     def say(self, data: bytes) -> None:
         if self.link is None:
@@ -295,9 +284,6 @@ class InspectedKart:
 
     def sees(self, speed: float) -> None:
         self.take(speed)
-
-    def on_turn(self) -> None:
-        pass
 
     def reports(self) -> None:
         obeyed = self.obeyed
