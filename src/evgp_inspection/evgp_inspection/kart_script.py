@@ -48,7 +48,7 @@ GREEN_GREEN = RaceState.GREEN_GREEN
 RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
 
 RANDOM_STOPS = (
-    *('red', 'flag', 'lose:close', 'brake lose:close', 'silence:silent', 'red', 'red', 'flag'),
+    *('red', 'flag', 'lose:closed', 'brake lose:closed', 'silence:silent', 'red', 'red', 'flag'),
 )
 """The stops of the step `random`, whose order depends on the seed."""
 
@@ -102,19 +102,20 @@ race | DRIVE flag stay:dwell green red stay:dwell garage stay:dwell | A drive; R
     time, GREEN_GREEN, RED_RED for some time, IN_GARAGE for some time.
 red | garage grid drive:drive:100 red | A drive with 100 frames a second; RED_RED.
 flag_red | DRIVE brake red | A drive; RED_RED while RED_FLAG brakes.
-flag_lost | DRIVE brake lose:close | A drive; the connection is closed while RED_FLAG brakes.
+flag_lost | DRIVE brake lose:closed | A drive; the connection is closed while RED_FLAG brakes.
 flag_silence | DRIVE brake silence:silent | A drive; nothing is sent for a while, while RED_FLAG
     brakes.
 flag_green | DRIVE brake green_again | A drive; GREEN_GREEN while RED_FLAG brakes.
-red_lost | DRIVE brake:RED_RED lose:close | A drive; the connection is closed while RED_RED brakes.
+red_lost | DRIVE brake:RED_RED lose:closed | A drive; the connection is closed while RED_RED
+    brakes.
 early | garage grid start:0.15 red | RED_RED is sent 0.15 s after GREEN_GREEN.
 early_flag | garage grid start:0.15 flag | RED_FLAG is sent 0.15 s after GREEN_GREEN.
 silence | DRIVE silence:silent green | A drive; nothing is sent for a while, then GREEN_GREEN.
 noise | DRIVE silence:malformed | A drive; only malformed frames are sent.
-fin | DRIVE lose:close quiet green | A drive; the connection is closed (FIN). On the next one,
+fin | DRIVE lose:closed quiet green | A drive; the connection is closed (FIN). On the next one,
     nothing is sent for a moment, then GREEN_GREEN, then RED_RED.
 reset | DRIVE lose:reset green | A drive; the connection is reset (RST), then GREEN_GREEN.
-half | DRIVE lose:half_close green | A drive; race control closes its half, then GREEN_GREEN.
+half | DRIVE lose:half-closed green | A drive; race control closes its half, then GREEN_GREEN.
 cut | DRIVE cut | A drive; a reset, and RED_RED on the next connection.
 rolling | DRIVE reset_to_garage | A drive; a reset, and IN_GARAGE on the next connection.
 grid | garage grid silence:silent green | After an acknowledged GRID_ACTIVE, nothing is sent for a
@@ -384,7 +385,7 @@ class KartScript:
 
     async def _close(self) -> bool:
         """Close the connection of a standing kart."""
-        self.wire.close()
+        self.wire.end('closed')
         await self._pass(self.limits.slack)
         return await self._connected()
 
@@ -449,14 +450,10 @@ class KartScript:
         await self._until(slower, 1.0 if self.seen else 1 / 3)
 
     async def _lose(self, how: str) -> bool:
-        """
-        Make the kart lose race control and wait until it stands and has reconnected.
-
-        :param how: the method of the wire: close, reset or half_close.
-        """
+        """Make the kart lose race control and wait until it stands and has reconnected."""
         newest = self.wire.newest
         self.wire.send(NOTHING)  # not even on a new connection
-        getattr(self.wire, how)()
+        self.wire.end(how)
         stands = await self._see_it_stand(self.limits.red_red)
         back = await self._until(lambda: self.wire.newest > newest, self.limits.reconnect)
         return stands and back
@@ -475,11 +472,11 @@ class KartScript:
         return stands
 
     async def _cut(self) -> None:
-        self.wire.reset()
+        self.wire.end('reset')
         await self._red()
 
     async def _reset_to_garage(self) -> bool:
-        self.wire.reset()
+        self.wire.end('reset')
         self.wire.order(IN_GARAGE)
         return await self._see_it_stand(self.limits.red_red + self.limits.slack)
 

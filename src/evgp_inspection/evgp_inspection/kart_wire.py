@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterator
-import contextlib
 import itertools
 import socket
 from typing import TypeAlias
@@ -164,30 +163,17 @@ class KartWire:
         for link in self._links:
             link.write(data)
 
-    def close(self, how: str = 'closed') -> None:
-        """End every connection normally (FIN)."""
+    def end(self, how: str) -> None:
+        """End every connection; see `Link.end`."""
         for link in self._links:
             link.end(how)
-
-    def reset(self) -> None:
-        """Reset every connection (RST)."""
-        self.close('reset')
-
-    def half_close(self) -> None:
-        """Close our half of every connection and continue to listen."""
-        for link in self._links:
-            if link.open and not link.mute:
-                link.mute = True
-                with contextlib.suppress(OSError):  # the kart has just closed it
-                    link.transport.write_eof()
-                self._recording.note(Kind.ENDED, link.number, text='half-closed')
 
     def go_away(self) -> None:
         """End every connection and refuse new ones, like a race control that has ended."""
         if self._server is not None:
             self._server.close()
             self._server = None
-        self.close('away')
+        self.end('away')
 
     async def come_back(self) -> None:
         """Accept connections again, at the same port."""

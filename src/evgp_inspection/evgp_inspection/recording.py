@@ -116,18 +116,24 @@ class Link(asyncio.BufferedProtocol):
             rest = kept + self._of_socket(unanswered)
             self.recording.note(Kind.UNANSWERED, self.number, value=float(rest), unread=arrived)
 
-    def end(self, how: str = 'closed') -> None:
+    def end(self, how: str) -> None:
         """
-        Close the connection normally (FIN), or reset it.
+        End the connection.
 
         The kernel resets a connection that is closed with unread bytes, so the FIN goes first.
 
-        :param how: the text for the trace: closed, reset, or away if race control then goes away.
+        :param how: closed (FIN), away (FIN, race control then goes away), half-closed (FIN, but
+            what the kart sends is still read) or reset (RST).
         """
-        if not self.open:
+        if not self.open or (self.mute and how == 'half-closed'):
+            return
+        self.recording.note(Kind.ENDED, self.number, text=how)
+        if how == 'half-closed':
+            self.mute = True
+            with contextlib.suppress(OSError):  # the kart has just closed it
+                self.transport.write_eof()
             return
         self.open = False
-        self.recording.note(Kind.ENDED, self.number, text=how)
         if how == 'reset':
             connection = self.transport.get_extra_info('socket')
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)

@@ -353,6 +353,9 @@ def see_at_irregular_times(k: Kart, speed: float) -> None:
 
 _FAULTS = """
 K-3A-01 | drives in the garage | wants 1.0 if k.obeyed is IN_GARAGE and k.since > 0.4
+K-3A-01 | drives by itself long after IN_GARAGE |
+    wants 0.5 if k.obeyed is IN_GARAGE and k.since > k.long_after
+K-3A-01 | rolls on in IN_GARAGE | brakes COASTING / 6 if k.obeyed is IN_GARAGE
 K-3A-02 K-3A-11 | is never ready | reached False if x is GRID_ACTIVE
 K-3A-03 K-4C-07 | creeps on the grid | wants 0.5 if k.obeyed is GRID_ACTIVE;
     reached True if x is GRID_ACTIVE
@@ -365,6 +368,9 @@ K-3A-08 | rolls off after RED_FLAG |
     wants 0.5 if k.obeyed is RED_FLAG and k.reached_at and k.now - k.reached_at > 1.1
 K-3A-09 | never acknowledges RED_RED after a drive | reached False if x is RED_RED and k.drove
 K-3A-10 K-3A-09 K-3A-12 K-3E-08 | echoes RED_RED | on_order k.say(b'$RED_RED;') if x is RED_RED
+K-3A-10 K-3A-07 | acknowledges RED_RED in its dead time |
+    wants k.speed if k.obeyed is GREEN_GREEN and k.since < DEAD_TIME else TOP if
+    k.before is GREEN_GREEN and k.lasted < DEAD_TIME and abs(k.since - DEAD_TIME) < 0.15
 K-3A-11 | is ready only once | reached False if x is GRID_ACTIVE and k.grids > 1
 K-3A-12 | acknowledges RED_RED while RED_FLAG brakes |
     reached True if x is RED_RED and k.before is RED_FLAG
@@ -372,30 +378,55 @@ K-3A-13 | brakes for RED_RED as for RED_FLAG | brakes FLAG_BRAKING if k.obeyed i
 K-3A-13 | brakes on as for RED_FLAG when RED_RED comes |
     brakes FLAG_BRAKING if k.obeyed is RED_RED and k.before is RED_FLAG
 K-3A-14 | is deaf after GREEN_GREEN | ignores k.obeyed is GREEN_GREEN and k.since < 1.2
-K-3A-10 K-3A-07 | acknowledges RED_RED in its dead time |
-    wants k.speed if k.obeyed is GREEN_GREEN and k.since < DEAD_TIME else TOP if
-    k.before is GREEN_GREEN and k.lasted < DEAD_TIME and abs(k.since - DEAD_TIME) < 0.15
+K-3A-14 K-3A-09 K-4C-09 | reads 17 frames a second while it drives | in_turns True;
+    read None if k.speed > 0.0 and k.now - k.took_at < 1 / 17; size 13 if k.speed > 0.0
+K-3A-14 K-3B-02 K-3B-04 K-3C-01 K-3E-11 | lets the brake go for a while in RED_RED |
+    wants 0.8 * TOP if k.drove and k.obeyed is RED_RED and 0.2 < k.since < 1.4 and k.speed > 0.0
+K-3A-15 | moves off long after a red |
+    wants 0.5 if k.commanded and k.obeyed is RED_RED and k.since > k.long_after
+K-3A-15 K-3A-01 | brakes backwards while it stands |
+    wants -1.0 if k.commanded is RED_RED and k.ordered_at_speed == 0.0 and k.since < 0.35
+K-3A-16 | ignores RED_FLAG at first | wants k.speed if k.obeyed is RED_FLAG and k.since < 1.0
+K-3A-16 | speeds up when RED_FLAG comes |
+    wants 2 * TOP if k.obeyed is RED_FLAG and k.since < 0.8 and k.speed > 0.0;
+    speeds_up ACCELERATION / 5 if k.obeyed is RED_FLAG
 K-3B-01 K-3A-09 K-3B-02 K-3B-03 K-3B-04 K-3E-02 K-3E-05 K-3E-06 | obeys every GREEN_GREEN |
     may_drive True
+K-3B-01 | IN_GARAGE does not disarm it |
+    stays_armed True if IN_GARAGE in (k.before, k.commanded)
 K-3B-02 K-3A-09 | RED_RED does not disarm it |
     stays_armed True if RED_RED in (k.before, k.commanded)
+K-3B-02 K-3A-09 | drives on when GREEN_GREEN comes while RED_RED brakes |
+    stays_armed True if RED_RED in (k.before, k.commanded) and k.speed > 0.0
 K-3B-03 | is armed by hearing GRID_ACTIVE | on_order k.arm() if x is GRID_ACTIVE
 K-3B-04 | RED_FLAG does not disarm it | stays_armed True if RED_FLAG in (k.before, k.commanded)
+K-3B-04 | drives on when GREEN_GREEN comes while RED_FLAG brakes |
+    stays_armed True if RED_FLAG in (k.before, k.commanded) and k.speed > 0.0
 K-3C-01 K-3E-04 K-3E-06 K-3E-11 | drives on after FIN |
     wants TOP if k.lost(GREEN_GREEN, 'closed')
 K-3E-01 K-3E-07 | drives on in silence | wants TOP if k.lost(GREEN_GREEN, 'silent')
 K-3E-02 | silence does not disarm it | stays_armed_on_new_link k.losses[-1] == 'silent'
+K-3E-02 | hears no silence on the grid | silent False if k.commanded is GRID_ACTIVE
 K-3E-03 | drives on after RST | wants TOP if k.lost(GREEN_GREEN, 'reset')
 K-3E-04 | does not notice a half-close | in_turns True; on_end k.say(b' ')
 K-3E-05 K-3E-06 | a lost connection does not disarm it |
     stays_armed_on_new_link k.losses[-1] in ('closed', 'reset')
 K-3E-06 | a race control that is away arms it |
     stays_armed_on_new_link k.losses[-1] == 'refused'
+K-3E-06 | drives off long after race control went away |
+    wants 0.5 if k.link is None and k.now - k.heard_at > k.long_after
 K-3E-07 | takes malformed bytes for life | on_malformed setattr(k, 'heard_at', k.now)
 K-3E-08 | acknowledges RED_RED on a new connection while it rolls |
     reached True if x is RED_RED and k.orders == 1
 K-3E-09 | drives on without its bridge | wants TOP if k.lost(GREEN_GREEN, 'killed')
 K-3E-10 | drives on without its stack | base_wants TOP
+K-3E-10 | drives on when its stack is started again |
+    stack_is_dead False if k.died_at and k.now - k.died_at > k.long_after
+K-3E-11 | coasts when its link is lost while RED_FLAG brakes |
+    brakes COASTING if k.lost(RED_FLAG)
+K-3E-11 | coasts when its link is lost while RED_RED brakes | brakes COASTING if k.lost(RED_RED)
+K-3E-11 | drives on in silence while RED_FLAG brakes | wants TOP if k.lost(RED_FLAG, 'silent');
+    brakes 0.8 * FLAG_BRAKING if k.obeyed is RED_FLAG
 K-4A-02 K-3A-02 K-3A-09 K-3A-11 K-3B-03 | opens two connections | connect connect_twice(k)
 K-4C-01 | says malformed frames | on_order k.say(b'$OK;') if x is GRID_ACTIVE
 K-4C-02 K-4C-04 | needs a whole frame in each read | take_in take_whole_frames(k, x)
@@ -406,14 +437,16 @@ K-4C-03 | throws long reads away | take_in None if len(x) > 40
 K-4C-04 | forgets half a frame | take_in take_whole_frames(k, x) if k.now - k.took_at > 0.05
 K-4C-05 | takes 10 Hz for silence | silent True if k.frames and k.now - k.frames[0] > 0.9
 K-4C-06 | reads one frame a turn | in_turns True; size 13
-K-4C-09 K-3A-14 | reads half a frame a turn while it drives | in_turns True;
-    reports report_each_turn(k);
-    size half_a_frame(k) if k.speed > 0.0
 K-4C-07 K-3E-07 K-4C-09 | looks for GREEN_GREEN anywhere |
     take_in Kart.take_in(k, b'$GREEN_GREEN;') if b'GREEN_GREEN' in x
 K-4C-08 | dies of malformed bytes | on_malformed k.lose('malformed')
+K-4C-09 K-3A-14 | reads half a frame a turn while it drives | in_turns True;
+    reports report_each_turn(k);
+    size half_a_frame(k) if k.speed > 0.0
 K-4C-09 | echoes an earlier order | on_turn k.say(b'$GRID_ACTIVE;') if
     k.before is GRID_ACTIVE and k.obeyed is RED_RED and k.since < 0.9
+K-4C-09 K-3A-14 K-3A-16 | looks at no stop for a while after GREEN_GREEN |
+    ignores k.obeyed is GREEN_GREEN and 0.4 < k.since < 1.6; reports report_each_turn(k)
 K-4C-10 | floods | reports report_each_turn(k);
     on_turn k.say(b'$IN_GARAGE;' * int(12_500 * TURN)) if
     k.links == 1 and k.obeyed is IN_GARAGE
@@ -428,39 +461,6 @@ K-4D-04 | keeps a silent connection | on_silence stand_down(k)
 K-4D-05 | gives up when it is refused | retries False if x == 'refused'
 K-4D-06 | never acknowledges RED_RED after FIN |
     reached False if x is RED_RED and 'closed' in k.losses
-K-3A-15 | moves off long after a red |
-    wants 0.5 if k.commanded and k.obeyed is RED_RED and k.since > k.long_after
-K-3A-15 K-3A-01 | brakes backwards while it stands |
-    wants -1.0 if k.commanded is RED_RED and k.ordered_at_speed == 0.0 and k.since < 0.35
-K-3E-11 | coasts when its link is lost while RED_FLAG brakes |
-    brakes COASTING if k.lost(RED_FLAG)
-K-4C-09 K-3A-14 K-3A-16 | looks at no stop for a while after GREEN_GREEN |
-    ignores k.obeyed is GREEN_GREEN and 0.4 < k.since < 1.6; reports report_each_turn(k)
-K-3A-16 | ignores RED_FLAG at first | wants k.speed if k.obeyed is RED_FLAG and k.since < 1.0
-K-3A-01 | drives by itself long after IN_GARAGE |
-    wants 0.5 if k.obeyed is IN_GARAGE and k.since > k.long_after
-K-3A-14 K-3A-09 K-4C-09 | reads 17 frames a second while it drives | in_turns True;
-    read None if k.speed > 0.0 and k.now - k.took_at < 1 / 17; size 13 if k.speed > 0.0
-K-3B-04 | drives on when GREEN_GREEN comes while RED_FLAG brakes |
-    stays_armed True if RED_FLAG in (k.before, k.commanded) and k.speed > 0.0
-K-3E-06 | drives off long after race control went away |
-    wants 0.5 if k.link is None and k.now - k.heard_at > k.long_after
-K-3B-01 | IN_GARAGE does not disarm it |
-    stays_armed True if IN_GARAGE in (k.before, k.commanded)
-K-3A-16 | speeds up when RED_FLAG comes |
-    wants 2 * TOP if k.obeyed is RED_FLAG and k.since < 0.8 and k.speed > 0.0;
-    speeds_up ACCELERATION / 5 if k.obeyed is RED_FLAG
-K-3A-01 | rolls on in IN_GARAGE | brakes COASTING / 6 if k.obeyed is IN_GARAGE
-K-3E-02 | hears no silence on the grid | silent False if k.commanded is GRID_ACTIVE
-K-3E-10 | drives on when its stack is started again |
-    stack_is_dead False if k.died_at and k.now - k.died_at > k.long_after
-K-3E-11 | coasts when its link is lost while RED_RED brakes | brakes COASTING if k.lost(RED_RED)
-K-3E-11 | drives on in silence while RED_FLAG brakes | wants TOP if k.lost(RED_FLAG, 'silent');
-    brakes 0.8 * FLAG_BRAKING if k.obeyed is RED_FLAG
-K-3B-02 K-3A-09 | drives on when GREEN_GREEN comes while RED_RED brakes |
-    stays_armed True if RED_RED in (k.before, k.commanded) and k.speed > 0.0
-K-3A-14 K-3B-02 K-3B-04 K-3C-01 K-3E-11 | lets the brake go for a while in RED_RED |
-    wants 0.8 * TOP if k.drove and k.obeyed is RED_RED and 0.2 < k.since < 1.4 and k.speed > 0.0
 """
 """The sentence that a fault breaks, and others that it breaks in other steps; its name; and what
 each replaced method of `InspectedKart` returns (for k, and its argument x) and when."""

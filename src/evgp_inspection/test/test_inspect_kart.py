@@ -169,20 +169,20 @@ def test_a_connection_is_closed_in_order_whatever_the_kart_has_just_said() -> No
     async def closed() -> bytes:
         async with connected() as (_, wire, kart):
             kart.send(b'$RED_RED;')  # nobody reads it any more: a mere close would be a reset
-            wire.close()
+            wire.end('closed')
             await wire.shut_down()
             return kart.recv(1)
 
     assert asyncio.run(closed()) == b''
 
 
-@pytest.mark.parametrize('how', ['close', 'half_close', 'reset', 'go_away'])
+@pytest.mark.parametrize('how', ['closed', 'half-closed', 'reset', 'away'])
 def test_a_connection_that_the_kart_has_just_reset_can_be_ended(how: str) -> None:
     async def ended() -> None:
         async with connected() as (_, wire, kart):
             kart.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
             kart.close()
-            getattr(wire, how)()  # nobody has heard of the reset yet
+            wire.end(how)  # nobody has heard of the reset yet
 
     asyncio.run(ended())
 
