@@ -15,7 +15,7 @@ import enum
 import secrets
 
 from evgp_node.results import Passing
-from evgp_timing.passings import CLOCK_TOLERANCE, Event, MAX_RATE, Refused
+from evgp_timing.passings import CLOCK_TOLERANCE, Event, MAX_RATE, Refused, Unchecked
 
 RECENT = 60.0
 """Time for which the node reports a fault, in seconds."""
@@ -33,6 +33,7 @@ class Trouble(enum.Enum):
     MISSED = "Some passings were not received: the device's numbers have gaps. Check the laps"
     RESTARTED = 'The device restarted, or its clock was set back. Check the laps'
     CLOCK = "The device's clock jumped, or its passings arrived late. Check the lap times"
+    UNCHECKED = 'The device sends no checksums, so transmission errors go unnoticed'
     REPEATED = 'The device sends some passings more than once. Each counts only once'
     REFUSED = "Some of the device's data cannot be read. Check the cable, kind and baud rate"
 
@@ -86,6 +87,8 @@ class Account:
             self._recent.popitem(last=False)
         self._watch_count(event, now)
         self._watch_clock(event, now)
+        if isinstance(event, Unchecked):
+            self._note(Trouble.UNCHECKED, now)
         self._number = event.number or self._number % _LAST + 1
         if self._gates.intersection((event.transponder, *event.transponder.split(' ', 1))):
             return None
@@ -137,4 +140,5 @@ class Account:
 
     def _note(self, trouble: Trouble, now: float, count: int = 1) -> None:
         self.counts[trouble] += count
-        self._noted_at[trouble] = now
+        if trouble is not Trouble.UNCHECKED or self.counts[trouble] == count:  # reported once
+            self._noted_at[trouble] = now

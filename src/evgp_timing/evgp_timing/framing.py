@@ -28,10 +28,12 @@ class Record:
     A complete record.
 
     :ivar fields: the value of each field. If a field occurs several times, the last one counts.
+    :ivar checked: True if the checksum is correct, False if the record has no checksum.
     """
 
     kind: int
     fields: dict[int, bytes]
+    checked: bool = True
 
     def number(self, name: int, size: int) -> int | None:
         """Return the number in a field of `size` bytes, or None without such a field."""
@@ -109,7 +111,7 @@ class Framing:
                 return Refused('a field is longer than its record')
             fields[record[at]] = bytes(record[begin:end])
             at = end
-        return Record(kind, fields)
+        return Record(kind, fields, checked)
 
     def decoder(self, read: Callable[[Record], Event]) -> MarkedDecoder:
         """Return a decoder for one connection, in which `read` interprets each record."""

@@ -14,7 +14,7 @@ import binascii
 import enum
 
 from evgp_timing.framing import Framing, Record
-from evgp_timing.passings import Event, of_device, Refused, Sign
+from evgp_timing.passings import Event, of_device, Refused, Sign, Unchecked
 
 PORT = 5403
 """TCP port at which a decoder listens."""
@@ -68,13 +68,14 @@ def read(record: Record) -> Event:
     time_us, strength = record.number(Field.RTC_TIME, 8), record.number(Field.STRENGTH, 2)
     if number is None or transponder is None or time_us is None:
         return Refused('a passing lacks its number, transponder or time')
-    return of_device(
+    passing = of_device(
         time_us=time_us,
         number=number,
         transponder=_named(str(transponder), record.fields.get(Field.LABEL, b'')),
         hits=record.number(Field.HITS, 2) or 0,
         strength=None if strength is None else float(strength),
     )
+    return passing if record.checked else Unchecked(*passing)
 
 
 def _named(number: str, label: bytes) -> str:

@@ -37,6 +37,10 @@ def of_device(
     return Passing('', '', number, 0, transponder, time_us * 1000, 0, hits, strength)
 
 
+class Unchecked(Passing):
+    """A passing that came without a checksum, so that transmission errors are possible."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Refused:
     """Data that the decoder cannot read, with the reason as a phrase."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from evgp_timing.framing import MarkedDecoder
 from evgp_timing.kinds import DECODERS
-from evgp_timing.passings import Event, of_device, Sign
+from evgp_timing.passings import Event, of_device, Sign, Unchecked
 
 RECORDED: dict[str, list[tuple[bytes, Event]]] = {
     # A capture of a MYLAPS decoder that github.com/vmindru/ambp3client has for its tests.
@@ -108,7 +108,7 @@ P3_FIELD: list[tuple[bytes, Event]] = [
             '8e023300000000000100010448bc010003041d582c000408e805bfc4a41b050005026a000602'
             '3200080200008104930f02008f'
         ),
-        of_device(1437769372993000, 113736, '2906141', 50, 106.0),
+        Unchecked(*of_device(1437769372993000, 113736, '2906141', 50, 106.0)),
     ),
     # Every byte that is escaped.
     (

@@ -9,7 +9,15 @@ from collections.abc import Iterable
 
 from evgp_node.results import Passing
 from evgp_timing.account import Account, RECENT, REMEMBERED, Trouble
-from evgp_timing.passings import CLOCK_TOLERANCE, Event, MAX_RATE, of_device, Refused, Sign
+from evgp_timing.passings import (
+    CLOCK_TOLERANCE,
+    Event,
+    MAX_RATE,
+    of_device,
+    Refused,
+    Sign,
+    Unchecked,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -103,6 +111,15 @@ def test_a_selection_of_a_count_is_not_missed() -> None:
     made = Account(0.0)
     assert len(taken(made, (event for _, event in P3_LIVE))) == 5
     assert set(made.counts.values()) == {0}
+
+
+def test_a_decoder_without_checksums_is_told_of_once() -> None:
+    made, first = Account(0.0), Unchecked(*passing(1.0, 1))
+    assert number(made, first, 1.0) == 1
+    assert made.trouble(1.0) is Trouble.UNCHECKED
+    made.take(Unchecked(*passing(1.0 + RECENT, 2)), 1.0 + RECENT)
+    assert made.trouble(1.0 + RECENT) is None
+    assert made.counts[Trouble.UNCHECKED] == 2
 
 
 def test_a_gate_is_left_out_by_its_number_or_its_label_and_its_count_is_not_missed() -> None:
