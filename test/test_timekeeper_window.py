@@ -309,6 +309,16 @@ def test_it_shows_the_race_and_what_the_timekeeper_asks(racing: Window, paper: P
     racing.until(lambda: 'Kart 7 is marked as finished, but 3 laps' in racing.text('warning'))
 
 
+def test_a_karts_number_is_on_a_badge_and_a_correction_in_a_frame(racing: Window) -> None:
+    racing.count('7')
+    racing.until(lambda: racing.crossing('7'))
+    tables = racing.widget.findChildren(QtWidgets.QTableWidget)
+    for table, column in ((tables[0], 1), (tables[1], 1), (tables[1], 3)):
+        cell = table.visualItemRect(table.item(0, column))
+        edge = table.viewport().grab(cell).toImage().pixelColor(6, cell.height() // 2)
+        assert edge.name() == '#14171a'
+
+
 def test_a_timekeeper_that_hangs_is_told_and_nothing_is_sent_until_it_is_back(
     seen: Window, event: Event, parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
 ) -> None:

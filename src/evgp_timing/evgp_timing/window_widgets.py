@@ -57,11 +57,12 @@ _BUTTONS = {
 }
 _MOST = {'seconds': 3600, 'laps': 100}
 _WIDE = ('about', 'said', 'warning', 'text')  # labels that take all available room
+_LOOKS = {'KART': 'badge', ACTION: 'small'}
 _NUMBERS = ('LAPS', 'TIME', 'GAP', 'BEST', 'LAST')
-_STRONG = ('POS', 'KART', ACTION)
 _LEFT = QtCore.Qt.AlignmentFlag.AlignLeft | QtCore.Qt.AlignmentFlag.AlignVCenter
 _RIGHT = QtCore.Qt.AlignmentFlag.AlignRight | QtCore.Qt.AlignmentFlag.AlignVCenter
-_BLACK, _RED, _BLUE = map(QtGui.QColor, ('#14171A', '#B3001B', '#1F6FEB'))
+_BLACK, _RED = map(QtGui.QColor, ('#14171A', '#B3001B'))
+_BESIDE, _ABOVE = 6, 4  # margins of a badge and a small button, in pixels
 
 _STYLE = """
 QWidget { font-family: Inter, 'Noto Sans', 'DejaVu Sans'; font-size: 14px; color: #14171A; }
@@ -79,6 +80,8 @@ QHeaderView::section { background: #FFFFFF; color: #5E676F; font-size: 11px; fon
 QLineEdit { padding: 4px; }
 QPushButton { background: #FFFFFF; border: 1px solid #14171A; border-radius: 6px;
   padding: 6px 12px; font-weight: bold; }
+QPushButton#badge { background: #14171A; color: #FFFFFF; border-radius: 5px; padding: 2px 7px; }
+QPushButton#small { font-size: 12px; padding: 2px 7px; }
 QPushButton#PUBLISH { background: #1F6FEB; border-color: #1F6FEB; color: #FFFFFF; }
 QPushButton:focus { border: 2px solid #1F6FEB; }
 QPushButton:disabled, QTableWidget:disabled { background: #FFFFFF; color: #A3ADB6; }
@@ -385,7 +388,43 @@ def _table(headings: Sequence[str], stretched: str) -> Any:
             mode = header.ResizeMode.Stretch
         header.setSectionResizeMode(column, mode)
         table.horizontalHeaderItem(column).setTextAlignment(_side(heading))
+        if heading in _LOOKS:
+            table.setItemDelegateForColumn(column, _Look(_LOOKS[heading], table))
     return table
+
+
+class _Look(QtWidgets.QStyledItemDelegate):
+    """
+    Paints the texts of a table's column as a hidden button shows them.
+
+    :param name: name of the button in the style sheet.
+    """
+
+    def __init__(self, name: str, table: Any) -> None:
+        super().__init__(table)
+        self._button = QtWidgets.QPushButton(table, objectName=name)
+        self._button.hide()
+        # Otherwise Qt fills the rounded corners too.
+        self._button.setAttribute(QtCore.Qt.WidgetAttribute.WA_NoSystemBackground)
+
+    def displayText(self, *_: Any) -> str:  # noqa: N802 - Qt's name
+        """Return no text for the cell itself, because the button has it."""
+        return ''
+
+    def sizeHint(self, _: Any, index: Any) -> Any:  # noqa: N802 - Qt's name
+        """Return the size of the button with its margins."""
+        self._button.setText(index.data())
+        return self._button.sizeHint() + QtCore.QSize(2 * _BESIDE, 2 * _ABOVE)
+
+    def paint(self, painter: Any, option: Any, index: Any) -> None:
+        """Paint the cell, and the button at its left."""
+        super().paint(painter, option, index)
+        self._button.setText(index.data())
+        self._button.adjustSize()
+        place = self._button.rect()
+        place.moveCenter(option.rect.center())
+        place.moveLeft(option.rect.left() + _BESIDE)
+        painter.drawPixmap(place.topLeft(), self._button.grab())
 
 
 def _side(heading: str) -> Any:
@@ -402,9 +441,9 @@ def _write(table: Any, row: int, cells: Sequence[str], red: str) -> None:
             item.setTextAlignment(_side(heading))
             table.setItem(row, column, item)
         font = item.font()
-        font.setBold(heading in (*_STRONG, red))
+        font.setBold(heading in ('POS', red))
         item.setFont(font)
-        item.setForeground(_RED if heading == red else _BLUE if heading == ACTION else _BLACK)
+        item.setForeground(_RED if heading == red else _BLACK)
         item.setText(text)
 
 
