@@ -1480,10 +1480,9 @@ class Search:
 
     What is left out of a state's key (``_key``) because the rules do not read it:
 
-    - what a kart reported last, texts, the alerts told, since when a kart is missing (but not that
-      one without doubt is), how often the track was opened, whether a kart withdrew its word, when
-      its order arrived, how good its link is, what is wrong with a button, and whether the race is
-      over: only events and alerts are made of them;
+    - whatever only events, alerts and screens are made of: for example what a kart reported last,
+      texts, the alerts told, since when a kart is missing (but not that one without doubt is), how
+      often the track was opened, how good a link is, and whether the race is over;
     - whether somebody was there, and when they left, but in a race that is in motion without them;
     - the age of what a kart is sent, but for the time until the race goes over by itself, which
       reads it for a kart of the race that has a place and is being sent a red (one that
