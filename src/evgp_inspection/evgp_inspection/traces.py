@@ -202,8 +202,9 @@ def printable(data: bytes, most: int = 80) -> str:
 
 def describe(events: Sequence[Event], most: int = 60) -> list[str]:
     """
-    Return events as lines for people, in which repeated bytes, and half a second's odometry, share
-    one line.
+    Return events as lines for people.
+
+    Repeated bytes, and half a second's odometry, share one line.
 
     :param most: maximum number of lines. If there are more, those in the middle are left out.
     """

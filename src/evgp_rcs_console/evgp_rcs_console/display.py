@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The parts of the window that are no areas: its inbox, what it showed, the kart that was chosen, and
-the bottom line.
+The window's inbox, what it showed last, the kart that was chosen, and the bottom line.
 """
 
 from __future__ import annotations
