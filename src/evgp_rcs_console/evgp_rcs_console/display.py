@@ -1,9 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-The window's inbox, what it showed last, the kart that was chosen, and the bottom line.
-"""
+"""The window's inbox, what it showed last, the kart that was chosen, and the bottom line."""
 
 from __future__ import annotations
 
