@@ -171,7 +171,7 @@ class Walk:
             ),
             self.now,
         )
-        self.race.saved(self.race.grids)
+        self.race.saved(self.race.memory().gridded)
         assert outcome.answer is not None
         if outcome.answer.success:
             pressed = Given(kind, number if one else 0)

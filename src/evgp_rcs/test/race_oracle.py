@@ -253,7 +253,7 @@ class Facts(NamedTuple):
     What the oracle remembers: of the race, and of each kart.
 
     :param grid_last: GRID_ACTIVE was the last button.
-    :param saved: it is on the disk that the karts of this GRID_ACTIVE may move.
+    :param saved: it is on the disk that the karts on the grid may move.
     :param heat: the heat that was last put into the race, or at first the only one with its karts;
         None: not looked at.
     :param met: somebody who could stop this race was there, when it began or since.
@@ -263,7 +263,7 @@ class Facts(NamedTuple):
 
     grid_last: bool
     karts: tuple[KartFacts, ...]
-    saved: bool = False
+    saved: bool = True
     heat: str | None = ''
     met: bool = False
     left: float = 0.0
@@ -875,7 +875,8 @@ def learn(before: View, facts: Facts, given: Input, after: View, now: float) -> 
     if given.what == 'command' and given.kind not in NO_BUTTON:
         grid_last = given.kind == 'GRID_ACTIVE'
     gridded = given.kind == 'GRID_ACTIVE' and before.state is IN_GARAGE
-    saved = given.kind != 'stale' if given.what == 'saved' else saved and not gridded
+    saved = given.kind != 'stale' if given.what == 'saved' else saved
+    saved = saved or after.state is not GRID_ACTIVE
     if given.what == 'there':
         met = met or given.statement
         left = now if before.able and not given.statement else left
@@ -904,6 +905,7 @@ def learn(before: View, facts: Facts, given: Input, after: View, now: float) -> 
                     stood = now
         if kart.serial != old.serial or not kart.connected:
             stood = None
+        saved = saved and (kart.serial == old.serial or kart.sent is not GRID_ACTIVE)
         if given.what == 'held up' and stood is not None:
             stood = now
         if kart.sent is RED_RED or kart.sent is RED_FLAG:
@@ -938,7 +940,7 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
     if given.what == 'held up':
         return race.stalled(2.0, now)
     if given.what == 'saved':
-        return race.saved(race.memory().grid - (given.kind == 'stale'))
+        return race.saved(race.memory().gridded - (given.kind == 'stale'))
     if given.what == 'connected':
         return race.connected(given.kart, now)
     if given.what == 'disconnected':
@@ -1284,7 +1286,8 @@ def check_recovery(
     for kart in (*fresh.karts, *lacking.karts):
         wanted_kart = kart._replace(hold=RED_RED, sent=RED_RED, sent_since=now, serial=0)
         if old := remembered.get(kart.number):
-            doubt = MOVING if view.state is GRID_ACTIVE and old.in_race else old.doubt
+            may_start = view.state is GRID_ACTIVE and old.in_race and old.doubt
+            doubt = MOVING if may_start else old.doubt
             wanted_kart = wanted_kart._replace(
                 doubt=doubt, held_alone=old.held_alone, lost_since=now if doubt else None
             )
@@ -1387,10 +1390,17 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
             urgent = any(kart.doubt for kart in view.karts)
         if alert.use_msr != (urgent and not view.msr_used):
             raise RuleBrokenError('use-msr', f'{alert} in {view}')
+        if not alert.text:
+            raise RuleBrokenError('alerts', f'{alert} has no text')
     if view.state is GRID_ACTIVE:
         memory = race.memory()
-        moving = all(memory.karts[k.number].doubt == MOVING for k in view.karts if k.in_race)
-        if memory.grid != facts.race or memory.at_rest or not moving:
+        gridded = (kart.number for kart in view.karts if kart.in_race and kart.doubt)
+        at_end = race.memory(ended=True).karts
+        if (
+            memory.at_rest
+            or any(memory.karts[each].doubt != MOVING for each in gridded)
+            or any(at_end[kart.number].doubt != kart.doubt for kart in view.karts)
+        ):
             raise RuleBrokenError('start-memory', f'{memory} in {view}')
     if look(race) != view:
         raise RuleBrokenError('alerts-act', f'{view} became {look(race)} by looking')
@@ -1727,7 +1737,7 @@ class Search:
         after = look(race)
         facts = check_input(race, view, facts, given, outcome, after, now)
         accepted = outcome.answer is None or outcome.answer.success
-        if given.kind == 'GRID_ACTIVE' and accepted and not (facts.saved or self.waits):
+        if not (facts.saved or self.waits):
             _, facts, after = self._take(after, facts, Input('saved'), now)
         return accepted, facts, after
 

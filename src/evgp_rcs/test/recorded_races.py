@@ -73,9 +73,11 @@ class PaperRace:
         if outcome.orders:
             self.log.add(inputs.Ordered(outcome.orders))
         self.tell(outcome.events)
-        if self.saves_at_once and self._saved != self.race.grids:
-            self._saved = self.race.grids
-            self.feed(inputs.Saved(self.now, self._saved))
+        if self.saves_at_once and self.race.state is RaceState.GRID_ACTIVE:
+            gridded = self.race.memory().gridded
+            if self._saved != gridded:
+                self._saved = gridded
+                self.feed(inputs.Saved(self.now, gridded))
         return outcome
 
     def tell(self, events: Iterable[Event]) -> None:

@@ -215,7 +215,7 @@ class Running:
             self.remembered.append(memory)
             self._news.notify_all()
         if self.record_works_at_once:
-            self._loop.call_soon(self._save, memory.grid)
+            self._loop.call_soon(self._save, memory.gridded)
 
     def shown_by_the_next_memory(self) -> int:
         """Return how often the race was shown, once it was remembered again."""
@@ -224,16 +224,16 @@ class Running:
             assert self._news.wait_for(lambda: len(self.remembered) > before, TIMEOUT)
             return self._shown
 
-    def _save(self, grid: int) -> None:
-        self.on_saved(grid)
+    def _save(self, gridded: int) -> None:
+        self.on_saved(gridded)
         with self._news:
-            self._saved = grid
+            self._saved = gridded
             self._news.notify_all()
 
     def wait_until_saved(self) -> None:
         """Return once the rules know that what there is to remember of this grid is saved."""
         with self._news:
-            assert self._news.wait_for(lambda: self._saved == self.race.grids, TIMEOUT)
+            assert self._news.wait_for(lambda: self._saved == self.race.memory().gridded, TIMEOUT)
 
     def trouble(self) -> str:
         return self.record_trouble
@@ -725,7 +725,7 @@ def test_karts_start_only_once_the_disk_knows_that_they_may_move(run: Run) -> No
     memory = running.remembered[-1]
     assert memory.karts[1].doubt is memory.karts[2].doubt is Doubt.MOVING
     running.record_trouble = 'the disk is full'
-    running._loop.call_soon_threadsafe(running.on_saved, memory.grid)
+    running._loop.call_soon_threadsafe(running.on_saved, memory.gridded)
     running.race_was_shown(2)
     assert not running.give(CommandKind.GREEN_GREEN).success
     running.record_trouble = ''
@@ -735,13 +735,20 @@ def test_karts_start_only_once_the_disk_knows_that_they_may_move(run: Run) -> No
         read_until(client, GREEN_GREEN)
 
 
+def test_an_orderly_end_on_the_grid_leaves_no_kart_that_may_be_moving(run: Run) -> None:
+    running, _, _ = on_the_grid(run())
+    assert running.remembered[-1].karts[1].doubt is Doubt.MOVING
+    running.stop()
+    assert running.remembered[-1].karts[1].doubt is Doubt.GRID
+
+
 def test_a_stop_does_not_wait_for_the_disk_and_nothing_starts_after_it(run: Run) -> None:
     running = run()
     running.record_works_at_once = False
     running, one, two = on_the_grid(running)
     running.race_was_shown(2)
     assert running.give(CommandKind.ALL_KILL).success
-    running._loop.call_soon_threadsafe(running.on_saved, running.remembered[-1].grid)
+    running._loop.call_soon_threadsafe(running.on_saved, running.remembered[-1].gridded)
     assert not running.give(CommandKind.GREEN_GREEN).success
     for client in (one, two):
         assert encode(GREEN_GREEN) not in read_until(client, RED_RED)

@@ -59,6 +59,7 @@ class Officials:
 
     def command(self, kind: str, kart: int = 0, stating: bool = True) -> Outcome:
         """Give a command, with what an official names who sees the race as it is now."""
+        self.race.saved(self.race.memory().gridded)  # everything is on the disk at once
         if CATALOGUE[CommandKind[kind]].to_one_kart:
             hold = self.race.karts[kart].hold if kart in self.race.karts else None
             command = Command(CommandKind[kind], kart, stating, hold=hold)
@@ -67,7 +68,6 @@ class Officials:
             saw = {'heat': HEATS[0].name, 'opening': self.race.opening}
             command = Command(CommandKind[kind], kart, stating, karts, **saw)
         outcome = self.race.command(command, self.now)
-        self.race.saved(self.race.grids)  # everything is on the disk at once
         assert outcome.answer is not None
         return outcome
 

@@ -117,7 +117,7 @@ an order to a kart that is not connected: order-wrong, restart _redirect: always
 a stop is announced as allowed, and refused: stop-refused _refusal_of: after availability: if kind
     is CommandKind.ALL_KILL and self.state is IN_GARAGE: ¶> return 'nothing is under way'
 an acknowledgement survives the connection: ack-survives _drop: skips _void_answers
-a new connection goes on under the old serial: order-serial _redirect: 1 => changed
+a new connection goes on under the old serial: order-serial _redirect: 1 #1 => changed
 a reconnection lets a hold be forgotten: hold-forgotten, red-loosened connected: went_silent_at =>
     kart.hold
 a kart that drops in RED_FLAG is not held: drop-not-held [green] _drop: state GRID_ACTIVE =>
@@ -316,14 +316,14 @@ a stop cuts the pause short that a delay began: pause, available-from, effect [w
 a pause is not announced: available-from availability: available_from => None
 what the rules refuse is announced for the end of the pause: available-from availability: kind
     reason => Availability(kind, False, reason, '', self.paused_until)
-karts start before it is on the disk: start-first, availability [waits] _refusals: never
-    _saved_grid
+karts start before it is on the disk: start-first, availability [waits] _refusals: never _saved
 what was written for an earlier grid lets karts start: start-first, availability [a second
-    grid] _refusals: _saved_grid grids => not self._saved_grid
-a new grid is taken to be on the disk: start-first, availability [waits] _grid_active: after grids
-    #1: self._saved_grid = self.grids
-what is on the disk does not count: availability, stuck saved: skips _saved_grid
-what is written does not say for which grid: start-memory memory: grids => 0
+    grid] _refusals: _saved _gridded => not self._saved
+a kart that comes to the grid is taken to be on the disk: start-first, availability [waits]
+    _redirect: skips _gridded
+what is on the disk does not count: availability, stuck saved: skips _saved
+an orderly end on the grid leaves karts that may be moving: start-memory memory: without ended
+what is written does not say for which grid: availability, stuck memory: _gridded => 0
 a restart forgets the karts that left the roster: restart recover: always held not
 a restart does not name the karts that left the roster: restart recover: skips _add_event
 a restart forgets a stop that was left unanswered: restart recover: before held_alone: kart.doubt =

@@ -28,7 +28,7 @@ import pytest
 
 PATIENCE = 20.0
 HOME = RaceMemory(RaceState.IN_GARAGE, {})
-GRID = RaceMemory(RaceState.GRID_ACTIVE, {}, grid=7)
+GRID = RaceMemory(RaceState.GRID_ACTIVE, {}, gridded=7)
 
 
 @pytest.fixture

@@ -103,11 +103,11 @@ class Running(PaperRace):
                 inputs.Rival(self.now, not self.race.has_rival),
                 inputs.Attended(self.now, Attendance(self.chance.randrange(3), 'Anna (window)')),
                 inputs.RecordTrouble(self.now, '' if self.race.record_fails else 'it fails'),
-                inputs.Saved(self.now, max(self.race.grids - 1, 0)),
+                inputs.Saved(self.now, max(self.race.memory().gridded - 1, 0)),
             )
             return self.chance.choice(rare)
         if self.race.state is RaceState.GRID_ACTIVE and what < 0.65:
-            return inputs.Saved(self.now, self.race.grids)
+            return inputs.Saved(self.now, self.race.memory().gridded)
         return self.any_command(kart.number)
 
     def any_command(self, kart: int) -> inputs.Input:

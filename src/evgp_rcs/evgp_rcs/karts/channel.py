@@ -211,12 +211,12 @@ class Written(NamedTuple):
 
     :param batches: number of batches that have reached the disk since the last such message.
     :param error: why the record is failing, as a phrase. Empty if it works.
-    :param grid: `RaceMemory.grid` of the last memory that is on the disk; 0 if there is none.
+    :param gridded: `RaceMemory.gridded` of the last memory that is on the disk; 0 if none is.
     """
 
     batches: int
     error: str
-    grid: int
+    gridded: int
 
 
 # ----- bytes ----------------------------------------------------------------------------------

@@ -40,7 +40,7 @@ from evgp_rcs.karts.channel import (
     Written,
 )
 from evgp_rcs.record.run_mark import InUseError, RunMark
-from evgp_rcs.record.store import Record, RecordError
+from evgp_rcs.record.store import INPUTS_EVERY, Record, RecordError
 from evgp_rcs.rules.inputs import Batch
 from evgp_rcs.rules.race import LastRun, RaceMemory, StampedEvent
 
@@ -49,7 +49,8 @@ MOST_UNWRITTEN_BYTES = 80 * 2**20
 The backlog has room for an hour of racing with 20 karts."""
 
 SLOW = 2.0
-"""Maximum time that an event waits before `RecordProcess.trouble` reports it, in seconds."""
+"""Maximum time that the disk may take for a batch before `RecordProcess.trouble` reports it, in
+seconds. A batch without events may wait for `INPUTS_EVERY` before that."""
 
 _PR_SET_PDEATHSIG = 1  # of linux/prctl.h
 
@@ -62,8 +63,8 @@ class RecordProcess:
     :param mark: the file of the mark (see ``run_mark.place``).
     :param run: id of the run. If it is empty, the record makes one up.
     :ivar opened: what the process has found at its start.
-    :ivar on_saved: called in the loop with the GRID_ACTIVE (`RaceMemory.grid`) of the last memory
-        that is on the disk, when this number changes.
+    :ivar on_saved: called in the loop with `RaceMemory.gridded` of the last memory that is on the
+        disk, when this number changes.
     :raises RecordError: if the record cannot be used, for example because another race control
         that is running uses one of the files.
     """
@@ -78,14 +79,14 @@ class RecordProcess:
         other.close()
         self._end = LocalEnd(end)
         self._socket = end
-        self._unwritten: deque[tuple[int, int]] = deque()  # events, bytes of each batch
-        self._waits_since: deque[float] = deque()  # of each of these batches that has events
+        # When the disk began on each batch, in seconds; its events and bytes.
+        self._unwritten: deque[tuple[float, int, int]] = deque()
         self._events = 0  # not yet written
         self._bytes = 0
         self._lost = 0
         self._full = False
         self._saved = 0
-        self.on_saved: Callable[[int], None] = lambda grid: None
+        self.on_saved: Callable[[int], None] = lambda gridded: None
         self._remembered: RaceMemory | None = None
         try:
             opened = self._end.first()
@@ -111,9 +112,8 @@ class RecordProcess:
             self._lost += events
             self._full = True
             return
-        if events:
-            self._waits_since.append(time.monotonic())
-        self._unwritten.append((events, size))
+        begins = time.monotonic() + (0.0 if events else INPUTS_EVERY)
+        self._unwritten.append((begins, events, size))
         self._events += events
         self._bytes += size
         self._end.send(data)
@@ -127,24 +127,22 @@ class RecordProcess:
 
     def look(self) -> None:
         """Read the messages that the process has sent."""
-        for batches, error, grid in self._end.receive():
+        for batches, error, gridded in self._end.receive():
             for _ in range(batches):
-                events, size = self._unwritten.popleft()
-                if events:
-                    self._waits_since.popleft()
+                _, events, size = self._unwritten.popleft()
                 self._events -= events
                 self._bytes -= size
             self._error = error
             self._full &= self._bytes > MOST_UNWRITTEN_BYTES / 2
-            if grid != self._saved:
-                self._saved = grid
-                self.on_saved(grid)
+            if gridded != self._saved:
+                self._saved = gridded
+                self.on_saved(gridded)
 
     def trouble(self) -> str:
         """Return why the record is failing, as a sentence for officials. Empty if it works."""
         # Unlike the rules' clock, this one skips suspends, because those do not slow the disk.
         now = time.monotonic()
-        waits = now - self._waits_since[0] if self._waits_since else 0.0
+        waits = now - self._unwritten[0][0] if self._unwritten else 0.0
         reason = self._error
         if self._end.gone:
             reason = 'its process has ended. Restart race control when no kart is on the track'
@@ -222,7 +220,7 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
     end.sendall(pack(Opened(record.left_behind, mark.last_run, mark.why, told)))
     unpacker = Unpacker()
     batches = 0  # not written yet
-    grid = saved = 0  # of the last memory, and of the last one on the disk
+    gridded = saved = 0  # of the last memory, and of the last one on the disk
     while True:
         if select.select([end], [], [], min(mark.due_in(), record.due_in()))[0]:
             try:
@@ -238,7 +236,7 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
                     record.put(message)
                 elif isinstance(message, RaceMemory):
                     record.remember(message)
-                    grid = message.grid
+                    gridded = message.gridded
                 else:
                     assert isinstance(message, Ended)
                     record.end()
@@ -247,7 +245,7 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
         tried = record.due_in() <= 0
         written = 0
         if tried and record.write():
-            written, batches, saved = batches, 0, grid
+            written, batches, saved = batches, 0, gridded
         if mark.due_in() <= 0:
             mark.keep()
         fails = record.error or mark.error

@@ -359,9 +359,9 @@ class KartServer:
         else:
             raise TypeError(f'the ROS half sent {message!r}')
 
-    def _note_saved(self, grid: int) -> None:
-        """Tell the rules that a memory of this GRID_ACTIVE is on the disk."""
-        self._take(inputs.Saved(self.now(), grid))
+    def _note_saved(self, gridded: int) -> None:
+        """Tell the rules that a memory with this `RaceMemory.gridded` is on the disk."""
+        self._take(inputs.Saved(self.now(), gridded))
         self._ask_to_show()
 
     def _notice_stall(self, now: float) -> None:
@@ -466,7 +466,7 @@ class KartServer:
 
     def _remember(self) -> None:
         self._flush()
-        self._record.remember(self._race.memory())
+        self._record.remember(self._race.memory(ended=self._closing.is_set()))
 
     # ----- called by the links ------------------------------------------------------------
 

@@ -180,10 +180,10 @@ class RecordTrouble(NamedTuple):
 
 
 class Saved(NamedTuple):
-    """A memory is on the disk; ``grid`` is the last `RaceMemory.grid` there."""
+    """A memory is on the disk; ``gridded`` is the last `RaceMemory.gridded` there."""
 
     at: float
-    grid: int
+    gridded: int
 
 
 class Recovered(NamedTuple):
@@ -243,8 +243,8 @@ def feed(given: Input, race: Race) -> Outcome:
             return race.attended(there, at)
         case RecordTrouble(at, text):
             return race.record_trouble(text, at)
-        case Saved(_, grid):
-            return race.saved(grid)
+        case Saved(_, gridded):
+            return race.saved(gridded)
         case Recovered(at, memory, last_run, why):
             return race.recover(memory, last_run, at, why)
 

@@ -31,7 +31,7 @@ proof of how the last run ended begins a *pause*. Some commands *loosen*: they s
 karts, let humans near them, or change the roster. Race control refuses such a command if it
 arrived before the end of the pause, because its sender may not have seen the stop.
 
-From GRID_ACTIVE on, what race control saves says that the karts in the race may be moving
+From GRID_ACTIVE on, what race control saves says that the karts on the grid may be moving
 (``Race.memory``). GREEN_GREEN is refused until that is on the disk (``Race.saved``), so a crash
 never makes race control forget a kart that it let move.
 
@@ -515,7 +515,7 @@ class RaceMemory:
         under way anywhere.
     :param heat: the heat that was last put into the race; empty if there was none.
     :param starters: ``Race.starters``.
-    :param grid: the number of times that GRID_ACTIVE had been accepted in the run that saved it.
+    :param gridded: how many orders had sent a kart GRID_ACTIVE in the run that saved it.
     """
 
     state: RaceState
@@ -524,7 +524,7 @@ class RaceMemory:
     unstated: bool = False
     heat: str = ''
     starters: tuple[int, ...] = ()
-    grid: int = 0
+    gridded: int = 0
 
     @property
     def at_rest(self) -> bool:
@@ -616,32 +616,36 @@ class Race:
         self.paused_until = now
         """The time in seconds when the current pause ends, or when the last pause ended."""
         self._paused_by = ''
-        self._saved_grid = 0  # the last GRID_ACTIVE that is on the disk, counted as in `grids`
+        self._gridded = 0  # how many orders have sent a kart GRID_ACTIVE
+        self._saved = 0  # the same, in the memory that is on the disk
         self._reported_all_answered = False
         self._by: Command | None = None  # the command that is taking effect
         self._alerts: dict[tuple[AlertKind, int], Alert] = {}
         self._orders: list[Order] = []
         self._events: list[Event] = []
 
-    def memory(self) -> RaceMemory:
+    def memory(self, ended: bool = False) -> RaceMemory:
         """
         Return what race control must save.
 
-        In GRID_ACTIVE, the karts in the race count as moving, because GREEN_GREEN may be next.
+        The karts on the grid count as moving, because GREEN_GREEN may be next.
+
+        :param ended: whether this run has ended, so that no GREEN_GREEN can follow.
         """
+        may_start = self.state is GRID_ACTIVE and not ended
         karts = {
             number: KartMemory(
                 kart.in_race,
                 kart.hold is not None,
                 kart.place,
-                Doubt.MOVING if kart.in_race and self.state is GRID_ACTIVE else kart.doubt,
+                Doubt.MOVING if may_start and kart.in_race and kart.doubt else kart.doubt,
                 kart.held_alone,
             )
             for number, kart in self.karts.items()
         }
         return RaceMemory(
             *(self.state, karts, self.track_open, self.unstated, self._put_in),
-            *(self.starters, self.grids),
+            *(self.starters, self._gridded),
         )
 
     def recover(
@@ -744,9 +748,9 @@ class Race:
         self._by = None
         return self._outcome(answer)
 
-    def saved(self, grid: int) -> Outcome:
-        """Record that a memory of this GRID_ACTIVE (``RaceMemory.grid``) is on the disk."""
-        self._saved_grid = grid
+    def saved(self, gridded: int) -> Outcome:
+        """Record that a memory with this ``RaceMemory.gridded`` is on the disk."""
+        self._saved = gridded
         return self._outcome()
 
     def stalled(self, seconds: float, now: float) -> Outcome:
@@ -1079,6 +1083,7 @@ class Race:
         if kart.connected:
             if state is GRID_ACTIVE:
                 kart.doubt = max(kart.doubt, Doubt.GRID)
+                self._gridded += 1
             elif state is IN_GARAGE:
                 kart.doubt = Doubt.MOVING if kart.may_be_moving else Doubt.NONE
             elif not self._covered_by_statement(kart):
@@ -1366,7 +1371,7 @@ class Race:
                 if self.nobody_since is not None:
                     what_to_do = 'open a window, or start again from IN_GARAGE'
                     yield f'race control is no longer {IN_CONTACT}; {what_to_do}'
-                if self._saved_grid != self.grids:
+                if self._saved != self._gridded:
                     yield 'the record has not saved yet that these karts may start; wait for it'
             case CommandKind.IN_GARAGE if self.state is GRID_ACTIVE:
                 yield self._dangers(
