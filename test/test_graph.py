@@ -278,10 +278,7 @@ def test_an_official_on_the_officials_network_gets_in_and_a_stranger_on_the_kart
 
 @pytest.mark.own_process
 def test_a_race_goes_on_while_the_officials_address_is_gone_and_can_be_stopped_from_its_machine(
-    networks: TwoNetworks,
-    for_officials: RaceControl,
-    parts: contextlib.ExitStack,
-    monkeypatch: pytest.MonkeyPatch,
+    networks: TwoNetworks, for_officials: RaceControl, parts: contextlib.ExitStack
 ) -> None:
     """A cable that is pulled takes the address along, where NetworkManager is in charge."""
     control = for_officials
@@ -289,11 +286,32 @@ def test_a_race_goes_on_while_the_officials_address_is_gone_and_can_be_stopped_f
         kart = parts.enter_context(
             WireKart(address_of(1), control.port, Acknowledges.EACH_CHANGE, KARTS)
         )
-    with networks.official.inside(), monkeypatch.context() as there:
-        there.setenv(graph.INTERFACE, OFFICIAL)
         official = parts.enter_context(Official(control.domain))
     official.wait_for_connected(1)
     official.bring_to(RaceState.GREEN_GREEN, 1)
+    networks.own.ip('link del officials')
+    control.wait_for_line(f'No interface of this machine has the address {OFFICIALS} now')
+    kart.wait_for_frames(100)  # in 5 s; it would be given up as deaf after 2 s
+    assert kart.state is RaceState.GREEN_GREEN
+    official.command('red_flag')
+    kart.wait_for_state(RaceState.RED_FLAG)
+    with networks.own.inside(), ctl(control.domain, 'all-kill') as stopped:  # which starts now
+        kart.wait_for_state(RaceState.RED_RED)
+    assert stopped.returncode == 0
+
+
+@pytest.mark.own_process
+def test_an_official_is_back_once_the_interfaces_are_plugged_in_again_under_other_numbers(
+    networks: TwoNetworks,
+    for_officials: RaceControl,
+    parts: contextlib.ExitStack,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    control = for_officials
+    with networks.official.inside():
+        monkeypatch.setenv(graph.INTERFACE, OFFICIAL)
+        official = parts.enter_context(Official(control.domain))
+    official.command('kart/red_flag', kart=1)
 
     # A loose plug: the address goes and comes, and goes again while the fence moves.
     networks.own.ip(
@@ -301,18 +319,10 @@ def test_a_race_goes_on_while_the_officials_address_is_gone_and_can_be_stopped_f
     )
     networks.own.ip('link del officials')
     control.wait_for_line(f'No interface of this machine has the address {OFFICIALS} now')
-    kart.wait_for_frames(100)  # in 5 s; it would be given up as deaf after 2 s
-    assert kart.state is RaceState.GREEN_GREEN
-    with networks.own.inside(), ctl(control.domain, 'all-kill') as stopped:
-        kart.wait_for_state(RaceState.RED_RED)
-    assert stopped.returncode == 0
-
-    # Plugged in again, its interface has another number.
     networks.plug_in_officials()
     control.wait_for_line('graph is in order again')
-    official.command('kart/red_red', kart=1)
+    official.command('all_kill')
     with networks.official.inside():
-        monkeypatch.setenv(graph.INTERFACE, OFFICIAL)
         check_that_an_official_sees(control.domain)
 
 

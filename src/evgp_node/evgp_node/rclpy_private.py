@@ -86,8 +86,7 @@ class Server:
     An executor with a single wait set, for a node that only offers services.
 
     rclpy's executor creates a new wait set, a task and two coroutines for each callback, which
-    would delay a stop by 0.2 ms (docs/dev/decisions.md, 6). If the node also calls
-    services, this executor ignores the answers.
+    would delay a stop by 0.2 ms (docs/dev/decisions.md, 6).
     """
 
     def __init__(self, node: Node) -> None:

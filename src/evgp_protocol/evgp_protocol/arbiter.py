@@ -526,8 +526,8 @@ class Arbiter:
             return '' if speed > limit else f'{said}: acknowledge GREEN_GREEN once the kart drives'
         if speed <= limit:
             return ''
-        no_standstill = f'which is not a standstill (standstill_speed is {limit:g} m/s)'
-        return f'{said}, {no_standstill}: the kart is still moving'
+        said += f', which is not a standstill (standstill_speed is {limit:g} m/s)'
+        return said + ': the kart is still moving' * (speed > limit)
 
     def _disarm(self, why: str) -> None:
         """Do not obey GREEN_GREEN until a GRID_ACTIVE is acknowledged."""
