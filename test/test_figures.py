@@ -24,6 +24,7 @@ from evgp_protocol.frames import MAX_FRAME_BYTES
 from evgp_protocol.hearing import DEAF, FLOOD, FLOOD_BYTES, QUIET
 from evgp_rcs.ros.settings import read_settings as read_race_control_settings
 from evgp_rcs.rules.race import RaceTimes
+from evgp_rcs_console.button import read_settings as read_button_settings
 from evgp_timing.node import read_settings as read_timing_settings
 from evgp_timing.timekeeper import read_settings as read_timekeeper_settings
 import pytest
@@ -70,6 +71,7 @@ race_control.declare('officials', [''], 'by the node itself')
 bridge = declared(read_bridge_settings, host='10.0.0.1')
 timing = declared(read_timing_settings, kind='p3', device='10.1.0.20:5403')
 timekeeper = declared(read_timekeeper_settings, roster=str(ROSTER))
+button = declared(read_button_settings, device='/dev/input/by-id/one')
 CONFIGURED = pytest.mark.parametrize(
     ('node', 'config'),
     [(race_control, RACE_CONTROL), (bridge, BRIDGE), (timing, TIMING), (timekeeper, TIMEKEEPER)],
@@ -97,6 +99,24 @@ def test_a_configuration_file_has_every_parameter_with_its_default_and_range(
     bracketed = re.findall(r'^ +(\w+): .*# .*\[([\d.]+)-([\d.]+)\]$', text, re.MULTILINE)
     ranges = {name: (float(least), float(greatest)) for name, least, greatest in bracketed}
     assert ranges == {name: limits for name, limits in node.limits.items() if limits is not None}
+
+
+def test_the_document_has_every_parameter_of_the_stop_button_with_its_default_and_range() -> None:
+    """The button has no configuration file: whoever starts it names its device."""
+    _, _, rest = text_of('docs/ros-interface.md').partition('\n## rcs_button\n')
+    own, _, _ = rest.partition('\n## ')
+    rows = re.findall(r'^\| `(\w+)` \| ([^|]*) \| ([^|]*) \| [^|]+ \|$', own, re.MULTILINE)
+    defaults = {
+        name: '' if cell in ('empty', 'none, required') else yaml.safe_load(cell)
+        for name, cell, _ in rows
+    }
+    assert defaults == button.defaults
+    ranges = {
+        name: tuple(map(float, cell.split('-')))
+        for name, _, cell in rows
+        if re.fullmatch(r'[\d.]+-[\d.]+', cell)
+    }
+    assert ranges == {name: limits for name, limits in button.limits.items() if limits is not None}
 
 
 @pytest.mark.parametrize(
