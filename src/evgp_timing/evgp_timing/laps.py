@@ -13,7 +13,7 @@ A beam sees something cross the line, and an official says which kart it was. Th
 passing claims the oldest unidentified crossing of the last `BEAM_PRESS` seconds for that kart. If
 the official was quicker, the passing claims the crossing that the beam, or another source that
 knows the kart, sees within `clock_tolerance` after it. Both happen only if the crossing counts for
-that kart. The crossing then counts in place of the official's passing, until that is struck out.
+that kart. The crossing then counts in place of the official's passing, until either is struck out.
 
 A passing counts for a kart that started the race if all of these are true:
 
@@ -268,7 +268,7 @@ class Laps:
         identity = crossing.passing.identity
         if identity in self.struck:
             return Mark.STRUCK
-        if identity in self.claims:
+        if self._claims_now(identity):
             return Mark.NOT_COUNTED
         if not kart and crossing.came <= self.ended:
             return Mark.UNKNOWN
@@ -362,6 +362,10 @@ class Laps:
         held = (claim for press, claim in self.claims.items() if press not in self.struck)
         return {identity: kart for kart, identity in held}
 
+    def _claims_now(self, press: Identity) -> bool:
+        """Return whether a passing claims a crossing that is not struck out."""
+        return press in self.claims and self.claims[press][1] not in self.struck
+
     @functools.cached_property
     def _presses(self) -> tuple[Crossing, ...]:
         """Return the officials' passings that claim nothing and are not struck out."""
@@ -411,7 +415,7 @@ class Laps:
         last = []
         for passing, _, at, kart, mark in self.crossings:
             why = self.struck.get(passing.identity, '')
-            if why or passing.identity not in self.claims:
+            if why or not self._claims_now(passing.identity):
                 last.append(Judged(passing, kart, mark, at, why))
         return last[-most:]
 
