@@ -75,9 +75,10 @@ def strip(heat: CommandButton) -> Panel:
         Text('msr', 'bold', fills=True, flows=True),
         Text('reminder', 'bold', fills=True, flows=True),
         Text('rest'),
+        Text('able', fills=True, flows=True),
         fixed(heat, 128),
     )
-    panel, columns = Panel('strip'), (0, 0, 0, 1, 0)
+    panel, columns = Panel('strip'), (0, 0, 0, 1, 0, 0)
     return lay(panel, parts, gap=10, margins=(10, 1, 6, 1), columns=columns)
 
 

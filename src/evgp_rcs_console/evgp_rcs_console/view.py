@@ -432,10 +432,9 @@ class Screen:
         :param commanding: the officials who have given commands.
         """
         race, dated = self.snapshot, Tone.FAINT if self.stale else Tone.PLAIN
-        able = texts.can_stop(race).partition(':')[0]
         by = f'commands by {", ".join(commanding)}' if commanding else ''
         # If it is too long, the end is cut off, which the rows or the events show as well.
-        rest = texts.missing(race), self.timing, able, self.order, by, self.places
+        rest = texts.missing(race), self.timing, self.order, by, self.places
         return {
             'state': self.state,
             'state_since': Cell(self.since),
@@ -447,6 +446,7 @@ class Screen:
             'msr': self.msr,
             'reminder': Cell(self.reminder, Tone.WAIT),
             'rest': Cell(' · '.join(filter(None, rest)), dated),
+            'able': Cell(texts.can_stop(race).partition(':')[0], dated),
             **{
                 f'danger_{part}': Cell(getattr(self.danger, part, ''))
                 for part in ('title', 'detail', 'advice')

@@ -342,6 +342,7 @@ STATES = {
     'killed': race_of(
         16, RaceState.RED_RED, WHY, alerts=tuple(map(alert, range(1, 17))), able_to_stop=12
     ),
+    'nobody': race_of(14, able_to_stop=0),
     'reminder': race_of(30, stamp=RACE.state_since + 35.0),
     'unsafe': race_of(1, alerts=(UNSAFE,), banner='REHEARSAL'),
     'thirty': race_of(30, RaceState.RED_RED, WHY, alerts=(alert(1001),), banner='REHEARSAL'),
@@ -376,7 +377,7 @@ def misfits(window: Any) -> Iterator[str]:
                 cut = wide > widget.width() - style.look.px(6)
             said = alerts_in(widget) if isinstance(widget, AlertsArea) else widget.text()
             sentence = name in SENTENCES or ' ' in said[24:]
-            whole = 'tally', 'reminder', 'msr', 'banner', 'danger_advice'
+            whole = 'tally', 'reminder', 'msr', 'able', 'banner', 'danger_advice'
             sentence = sentence and name not in whole
             if cut and not sentence:
                 yield f'{name}: {said!r} is cut'
@@ -431,6 +432,9 @@ def test_nothing_is_cut_overlaps_or_touches_its_frame(
         console.settle(0.05)
         look(name)
         found += [f'{name}: {each}' for each in overlaps(console.window)]
+        able = console.find('able')
+        assert able.isVisible()
+        assert able.parentWidget().contentsRect().contains(able.geometry())
         many = len(race.karts) > 16
         assert console.find('overview').isVisible() is many
         assert console.row(race.karts[-1].number).isEmpty() is many
@@ -442,6 +446,8 @@ def test_nothing_is_cut_overlaps_or_touches_its_frame(
                 y = 0 if edge == 'top' else lines.height() - 1
                 inks = {lines.pixel(x, y) for x in range(lines.width())}
                 assert len(inks) == 1, f'the {edge} of {text} is cut off'
+        elif name == 'nobody':
+            assert console.text('able') == 'No official can stop the race'
         elif name == 'msr used':  # the three alerts are seen at once
             assert console.text('banner').count('ALERT') == 3
             assert 'not shown' not in console.text('standing')
@@ -736,7 +742,7 @@ def places(console: Console) -> dict[str, tuple[int, int, int, int]]:
 
 
 MOVES = (
-    *('number', 'standing', 'tally', 'reminder', 'rest', 'battery'),
+    *('number', 'standing', 'tally', 'reminder', 'rest', 'able', 'battery'),
     *('question_', 'help_', 'top_line', 'danger'),
 )
 """What may move, because it is no control."""
