@@ -79,7 +79,7 @@ class RecordProcess:
         other.close()
         self._end = LocalEnd(end)
         self._socket = end
-        # When the disk began on each batch, in seconds; its events and bytes.
+        # The time in seconds at which writing each batch is due; its events and its bytes.
         self._unwritten: deque[tuple[float, int, int]] = deque()
         self._events = 0  # not yet written
         self._bytes = 0
@@ -112,8 +112,8 @@ class RecordProcess:
             self._lost += events
             self._full = True
             return
-        begins = time.monotonic() + (0.0 if events else INPUTS_EVERY)
-        self._unwritten.append((begins, events, size))
+        due = time.monotonic() + (0.0 if events else INPUTS_EVERY)
+        self._unwritten.append((due, events, size))
         self._events += events
         self._bytes += size
         self._end.send(data)

@@ -10,9 +10,9 @@ crash of the process or the machine. Entries without an event are written every 
 seconds. If the disk fails, everything waits here until a later attempt succeeds.
 
 The next run finds the last memory that was saved in `left_behind`, if there is one. The record
-cannot know how that run ended; the machine's mark does (``run_mark``). Unless
-another program is reading the record just then, the memory is in the file itself, and not only in
-SQLite's ``-wal`` beside it.
+cannot know how that run ended; the machine's mark does (``run_mark``). Unless another program is
+reading the record just then, the memory is in the file itself, and not only in SQLite's ``-wal``
+beside it.
 """
 
 from __future__ import annotations

@@ -1372,7 +1372,7 @@ class Race:
                     what_to_do = 'open a window, or start again from IN_GARAGE'
                     yield f'race control is no longer {IN_CONTACT}; {what_to_do}'
                 if self._saved != self._gridded:
-                    yield 'the record has not saved yet that these karts may start; wait for it'
+                    yield 'race control is still saving who may start; send it again in a moment'
             case CommandKind.IN_GARAGE if self.state is GRID_ACTIVE:
                 yield self._dangers(
                     each
