@@ -9,8 +9,9 @@ import pathlib
 import re
 import subprocess
 import sys
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
+from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, Entry, kinds_by_service, Result
 from evgp_rcs.rules.race import Command, COMMANDS
 from evgp_rcs_msgs import msg, srv
@@ -27,18 +28,15 @@ def fields_of(entry: Entry) -> dict[str, str]:
         fields['kart'] = 'uint16'
     if entry.statement:
         fields[entry.statement] = 'boolean'
-    if entry.names_karts:
-        fields['karts'] = 'sequence<uint16>'
-    if entry.names_hold:
-        fields['hold'] = 'evgp_rcs_msgs/RaceState'
-    if entry.names_heat:
-        fields['heat'] = 'string'
-    if entry.names_number:
-        fields[entry.names_number] = 'uint32'
     if entry.service_type in ('RaceCommand', 'KartCommand'):
         fields['age'] = 'double'  # the types of all stops; what is no stop does not use it
     # Under the same names, and of the same types, as the rules have them.
-    of_command = {str: 'string', bool: 'boolean', int: 'uint32'}
+    of_command: dict[Any, str] = {
+        str: 'string',
+        int: 'uint32',
+        frozenset[int]: 'sequence<uint16>',
+        RaceState | None: 'evgp_rcs_msgs/RaceState',
+    }
     hints = get_type_hints(Command)
     fields |= {name: of_command[hints[name]] for name in entry.takes}
     if 'attempt' in entry.takes:
@@ -121,7 +119,9 @@ def test_the_oracle_knows_every_command_and_calls_it_what_the_catalogue_does() -
     assert set(race_oracle.RACE_COMMANDS) == everything - to_one_kart
     assert set(race_oracle.STOPS) == {k.name for k, entry in CATALOGUE.items() if entry.stop}
     assert set(race_oracle.LOOSENING) == {k.name for k, each in CATALOGUE.items() if each.loosens}
-    assert set(race_oracle.NAMING) == {k.name for k, each in CATALOGUE.items() if each.names_karts}
+    assert set(race_oracle.NAMING) == {
+        k.name for k, each in CATALOGUE.items() if 'karts' in each.takes
+    }
     bookkeeping = {k.name for k, entry in CATALOGUE.items() if entry.bookkeeping}
     assert set(race_oracle.NO_BUTTON) == bookkeeping
 

@@ -17,7 +17,8 @@ from typing import NamedTuple
 
 from evgp_node.codec import message_of, value_of
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.ros.node import _asked_for
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs.rules.race import (
     Command,
     Doubt,
@@ -32,7 +33,7 @@ from evgp_rcs.rules.race import (
     Roster,
 )
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot, snapshot_of
-from evgp_rcs_console.client import spoken
+from evgp_rcs_console.client import request_message, spoken
 from evgp_rcs_console.commands import Given, shows
 from evgp_rcs_console.questions import Effects
 from evgp_rcs_console.view import Button, Screen
@@ -72,16 +73,8 @@ def published(race: Race, now: float) -> Snapshot:
 
 def given(button: Button) -> Command:
     """Return the command of a button as race control gets it."""
-    seen = button.gives
-    return Command(
-        seen.command,
-        seen.kart,
-        seen.stated,
-        frozenset(seen.karts),
-        seen.hold,
-        roster=READ,
-        **({name: seen.number} if (name := CATALOGUE[seen.command].names_number) else {}),
-    )
+    kinds = kinds_by_service()[CATALOGUE[button.command].service]
+    return _asked_for(kinds, request_message(button.gives))._replace(roster=READ)
 
 
 class Question(NamedTuple):

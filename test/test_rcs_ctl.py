@@ -151,8 +151,7 @@ def test_every_command_of_an_official_is_there_once_and_fits_its_service() -> No
     assert {*COMMANDS.values()} == {*CommandKind, *CORRECTIONS}
     for command in COMMANDS.values():
         takes = CORRECTIONS[command].takes if isinstance(command, Act) else ()
-        taken = {name: TAKEN[name][0](1) for name in takes}
-        request_message(Given(command, 1, stated=True, karts=(1, 2), taken=taken))
+        request_message(Given(command, 1, True, {name: TAKEN[name][0](1) for name in takes}))
 
 
 def test_every_statement_that_a_request_takes_has_a_flag() -> None:
@@ -790,7 +789,7 @@ def test_a_request_that_ros_cannot_carry_is_said_not_to_be_sent_and_stops_still_
     hearing = Hearing()
     with client_of(lasting.domain, hearing) as client:
         assert client.wait_for(CommandKind.SET_HEAT, PATIENCE)
-        client.give(Given(CommandKind.SET_HEAT, heat='\udcff'))
+        client.give(Given(CommandKind.SET_HEAT, taken={'heat': '\udcff'}))
         assert hearing.wait_for(lambda: hearing.answer, now() + PATIENCE)
         assert hearing.answer is not None
         assert 'was not sent' in hearing.answer[1].message

@@ -61,12 +61,8 @@ class Entry:
     :param statement: the field of the request for the official's statement; empty if none.
     :param call_is_statement: whether calling the service is itself the statement.
     :param to_one_kart: whether the request names a kart (`kart`).
-    :param names_karts: whether the request names the karts that the official saw (`karts`).
-    :param names_hold: whether the request names the hold that the official saw (`hold`).
-    :param names_heat: whether the request names a heat (`heat`).
-    :param names_number: the field of the request with a number that the official saw: `opening`
-        for the track, `reading` for the roster; empty if there is none.
-    :param takes: further fields of the request, with the same names as in ``Command``.
+    :param takes: the other fields of the request, with the same names as in ``Command``. `karts`,
+        `hold`, `opening` and `reading` say what the official saw.
     :param flag: the option of `rcs_ctl` for a statement, and what it states; None if none.
     :param word: the command's name in `rcs_ctl`, if it differs from the name of the kind.
     :param short: text of the button where there is little room, if it differs from `label`.
@@ -99,10 +95,6 @@ class Entry:
     statement: str = ''
     call_is_statement: bool = False
     to_one_kart: bool = False
-    names_karts: bool = False
-    names_hold: bool = False
-    names_heat: bool = False
-    names_number: str = ''
     takes: tuple[str, ...] = ()
     flag: tuple[str, str] | None = None
     word: str = ''
@@ -127,8 +119,7 @@ class Entry:
     def service_type(self) -> str:
         """Return the name of the type in ``evgp_rcs_msgs.srv``, which may be the command's own."""
         name = 'KartCommand' if self.to_one_kart else 'RaceCommand'
-        names = self.names_karts or self.names_hold or self.names_heat or self.takes
-        if self.fixed or self.statement or names:
+        if self.fixed or self.statement or self.takes:
             own = self.service.removeprefix(OF_TIMEKEEPER)
             name = own.title().replace('_', '').replace('/', '')
         return name
@@ -141,4 +132,4 @@ class Entry:
     @property
     def is_seen(self) -> bool:
         """Return whether the race shows that it took effect; if not, only its answer does."""
-        return self.result != Result() or self.names_heat
+        return self.result != Result() or 'heat' in self.takes

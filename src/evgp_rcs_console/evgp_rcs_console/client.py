@@ -411,7 +411,7 @@ class Client:
 
 def request_message(given: Given) -> Any:
     fields = {
-        name: state_message(given.hold) if name == 'hold' else value
+        name: state_message(value) if name == 'hold' else value
         for name, value in request(given, now()).items()
     }
     return getattr(srv, CATALOGUE[given.command].service_type).Request(**fields)

@@ -18,6 +18,7 @@ import os
 import sys
 from typing import NamedTuple, NoReturn
 
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
 
 
@@ -182,9 +183,9 @@ def parser() -> argparse.ArgumentParser:
         each.set_defaults(parser=each)
         if entry.to_one_kart:
             each.add_argument('kart', type=_kart_number, help='number of the kart in the roster')
-        if entry.names_heat:
+        if 'heat' in entry.takes:
             each.add_argument('heat', help='name of the heat in the roster')
-        if entry.names_karts:
+        if 'karts' in entry.takes:
             each.add_argument(
                 'karts',
                 type=_kart_number,
@@ -192,9 +193,9 @@ def parser() -> argparse.ArgumentParser:
                 help='the karts to which the command applies; if omitted, rcs_ctl lists the karts '
                 'and sends nothing',
             )
-        if entry.names_number == 'reading':
+        if command is CommandKind.TAKE_ROSTER:
             each.add_argument('reading', type=_count, help='the number that reload-roster printed')
-        elif entry.names_number:
+        if 'opening' in entry.takes:
             each.add_argument(
                 '--closes',
                 type=_count,

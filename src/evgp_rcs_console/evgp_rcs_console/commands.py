@@ -22,10 +22,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 import math
+from typing import Any
 
 from evgp_node.entries import Result
 from evgp_protocol.clock import now
-from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs_console.catalogue import CATALOGUE, Kind
@@ -34,16 +34,12 @@ from evgp_rcs_console.catalogue import CATALOGUE, Kind
 @dataclass(frozen=True)
 class Given:
     """
-    An official's command, with what the official saw.
+    An official's command.
 
     :param kart: the number of the command's kart; 0 if the command is not for a single kart.
     :param stated: whether the official made the statement that race control asked for.
-    :param karts: for a command that starts or releases karts, the karts that the official saw.
-    :param hold: for the release of one kart, the hold that the official saw.
-    :param number: for GRID_ACTIVE, the number of the last track opening that the official saw;
-        for TAKE_ROSTER, the number of the roster reading.
+    :param taken: the fields of the request that ``Entry.takes`` lists; those left out are empty.
     :param official: the official's name, as sent to race control.
-    :param taken: the further fields of the request (``Entry.takes``).
     :param then: commands to send one after another if this command is accepted soon enough. They
         count as pressed together with this command.
     :param at: when the command was given, in seconds, on the boot-time clock.
@@ -54,12 +50,8 @@ class Given:
     command: Kind
     kart: int = 0
     stated: bool = False
-    karts: tuple[int, ...] = ()
-    hold: RaceState | None = None
-    heat: str = ''
-    number: int = 0
+    taken: Mapping[str, Any] = field(default_factory=dict)
     official: str = ''
-    taken: Mapping[str, int | bool | str] = field(default_factory=dict)
     then: tuple[Given, ...] = ()
     at: float = field(default_factory=now)
     waited: float = 0.0
@@ -69,6 +61,11 @@ class Given:
         """Return what the presses of one button share."""
         return self.command, self.kart
 
+    @property
+    def heat(self) -> str:
+        """Return the name of the command's heat; empty if it is not for a heat."""
+        return str(self.taken.get('heat', ''))
+
     def followed_by(self) -> Given | None:
         """Return the command to send once this command is accepted; None if there is none."""
         if not self.then:
@@ -77,7 +74,7 @@ class Given:
         return replace(first, official=self.official, at=self.at, then=tuple(rest))
 
 
-def request(given: Given, at: float) -> dict[str, object]:
+def request(given: Given, at: float) -> dict[str, Any]:
     """
     Return the fields of a command's request.
 
@@ -86,19 +83,11 @@ def request(given: Given, at: float) -> dict[str, object]:
         younger.
     """
     entry = CATALOGUE[given.command]
-    fields: dict[str, object] = {'official': given.official, **entry.fixed, **given.taken}
+    fields = {'official': given.official, **entry.fixed, **given.taken}
     if entry.to_one_kart:
         fields['kart'] = given.kart
     if entry.statement:
         fields[entry.statement] = given.stated
-    if entry.names_karts:
-        fields['karts'] = list(given.karts)
-    if entry.names_hold:
-        fields['hold'] = given.hold
-    if entry.names_heat:
-        fields['heat'] = given.heat
-    if entry.names_number:
-        fields[entry.names_number] = given.number
     if entry.stop:
         fields['age'] = max(0.0, at - given.at) + given.waited
     return fields
@@ -295,7 +284,7 @@ class StandingStops:
 def _ends(later: Given, stop: Given) -> bool:
     """Return whether accepting a later command ends a stop: never ALL KILL or RECORD_MSR."""
     entry, to_one_kart = CATALOGUE[later.command], CATALOGUE[stop.command].to_one_kart
-    if entry.loosens and entry.names_karts:
+    if entry.loosens and 'karts' in entry.takes:
         return to_one_kart or stop.command is CommandKind.RED_FLAG
     released = later.command is CommandKind.KART_IN_GARAGE
     return released and to_one_kart and stop.kart == later.kart

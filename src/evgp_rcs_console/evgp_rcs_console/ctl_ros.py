@@ -165,14 +165,12 @@ class Terminal:
             command,
             kart,
             wanted.stated,
-            karts=tuple(sorted(set(getattr(wanted, 'karts', ())))),
-            heat=getattr(wanted, 'heat', ''),
-            number=getattr(wanted, 'reading', 0),
+            {name: getattr(wanted, name) for name in entry.takes if hasattr(wanted, name)},
             official=Signature(wanted.official).claim,
-            taken={name: getattr(wanted, name) for name in entry.takes if hasattr(wanted, name)},
         )
         released: list[str] = []
-        if entry.names_hold or (entry.names_karts and (entry.names_number or not given.karts)):
+        takes, named = {*entry.takes}, given.taken.get('karts')
+        if takes & {'hold', 'opening'} or ('karts' in takes and not named):
             if not hearing.wait_for(lambda: hearing.race is not None, until):
                 return Told(Exit.NOT_THERE, error=texts.no_answer(given, waited, details))
             race = hearing.race
@@ -211,8 +209,8 @@ class Terminal:
         offered = (kart or race).offered(given.command)
         if not offered.available:
             return []
-        karts = offered.karts if form.names_karts else ()
-        others = set(karts) != set(given.karts)
+        karts = offered.karts if 'karts' in form.takes else ()
+        others = set(karts) != set(given.taken.get('karts', ()))
         unsaid = '' if given.stated or form.call_is_statement else offered.statement
         if not others and not unsaid:
             return []
@@ -246,7 +244,11 @@ class Terminal:
         flag, _ = entry.flag or ('', '')
         parts = [wanted.command, getattr(wanted, 'kart', ''), getattr(wanted, 'heat', ''), *karts]
         parts.append(flag if wanted.stated or unsaid else '')
-        parts += ['--closes', race.track.opening] if entry.names_number and race.track.open else []
+        parts += (
+            ['--closes', race.track.opening]
+            if 'opening' in entry.takes and race.track.open
+            else []
+        )
         parts += ['--official', tidy(wanted.official)] if wanted.official else []
         called = os.environ.get('EVGP_CTL', 'rcs_ctl %s')  # by make, or by the package's commands
         line = called.replace('%s', shlex.join(str(part) for part in parts if part != ''))
@@ -374,20 +376,21 @@ def _as_seen(given: Given, race: Snapshot, wanted: argparse.Namespace) -> Given 
     Return None if the official must name karts or the opening first.
     """
     entry, track = CATALOGUE[given.command], race.track
-    if entry.names_hold:
+    if 'hold' in entry.takes:
         kart = race.kart(given.kart)
-        return replace(given, hold=None if kart is None else kart.hold)
+        return replace(given, taken={'hold': None if kart is None else kart.hold})
     assert isinstance(given.command, CommandKind)
     offered = race.offered(given.command)
     # If IN GARAGE concerns no kart, none need be named.
     concerns_none = offered.available and not offered.karts and given.stated
-    if not given.karts and not concerns_none:
+    if not given.taken['karts'] and not concerns_none:
         return None
-    if not entry.names_number:
+    if 'opening' not in entry.takes:
         return given
     if track.open and wanted.closes is None:
         return None
-    return replace(given, number=track.opening if wanted.closes is None else wanted.closes)
+    opening = track.opening if wanted.closes is None else wanted.closes
+    return replace(given, taken={**given.taken, 'opening': opening})
 
 
 def _interrupted(hearing: Hearing) -> str:

@@ -89,7 +89,7 @@ class SeenCommands(Aim[Shown]):
 def _commands(screen: Screen) -> list[object]:
     """Return the commands of all buttons, in an order that follows their places."""
     gives = [button.gives for button in (*screen.buttons, *screen.heats)]
-    return [(each.command, each.kart, each.heat, each.karts * bool(each.heat)) for each in gives]
+    return [(each.command, each.kart, each.heat) for each in gives]
 
 
 class Inbox(QtCore.QObject):

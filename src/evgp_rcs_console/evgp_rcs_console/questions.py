@@ -148,7 +148,7 @@ class Asked:
         said = [entry.note] if entry.note else []
         if command is CommandKind.RECORD_MSR and race.banner:
             said.append(f'{race.banner}: the instructor uses the MSR for you. Say "MSR" first.')
-        if entry.names_hold and kart is not None and kart.hold is not None:
+        if 'hold' in entry.takes and kart is not None and kart.hold is not None:
             said.append(f'Releases {_held(kart)}.')
         if entry.sends is not None and (does.now or kart is None):
             end = entry.then[len(does.now) > 1] if does.now else ''
@@ -158,9 +158,9 @@ class Asked:
             when = 'when it connects' if len(does.later) == 1 else 'when they connect'
             said.append(f'Sends {STATES[entry.sends]} to {numbered(does.later)} {when}.')
         if kart is not None:
-            if entry.names_hold and kart.in_race and race.state is not RaceState.IN_GARAGE:
+            if 'hold' in entry.takes and kart.in_race and race.state is not RaceState.IN_GARAGE:
                 said.append('Takes the kart out of the race.')
-            if entry.names_hold and (why := texts.under_way(race)):
+            if 'hold' in entry.takes and (why := texts.under_way(race)):
                 said.append(f'Humans must stay off the track: {why}.')
             return said
         if does.held:

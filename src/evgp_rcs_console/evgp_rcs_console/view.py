@@ -500,7 +500,7 @@ class Screen:
         return tuple(
             replace(
                 button,
-                gives=replace(button.gives, heat=heat.name, karts=heat.karts),
+                gives=replace(button.gives, taken={'heat': heat.name}),
                 label=self._heat(heat),
                 key=str(number),
             )
@@ -621,7 +621,7 @@ class Screen:
             given = Given(CommandKind.OPEN_TRACK, stated=bool(opening.statement), at=0.0)
             return (given,) if opening.available and not track.open else ()
         return tuple(
-            Given(CommandKind.KART_IN_GARAGE, kart.number, stated=True, hold=kart.hold, at=0.0)
+            Given(CommandKind.KART_IN_GARAGE, kart.number, True, {'hold': kart.hold}, at=0.0)
             for kart in self.snapshot.karts
             if kart.hold is not None and kart.number not in offered.karts
         )
@@ -648,13 +648,17 @@ class Screen:
             reason = self._barred
         elif not entry.stop and waits is not None:
             reason = f'no answer yet ({duration(waits)})'
+        seen = {
+            'karts': offered.karts,
+            'hold': kart.hold if kart else None,
+            'opening': self.snapshot.track.opening,
+            'reading': self.snapshot.reading,
+        }
         gives = Given(
             command,
             kart.number if kart else 0,
             stated=bool(offered.statement),
-            karts=offered.karts,
-            hold=kart.hold if kart and entry.names_hold else None,
-            number=self.snapshot.numbered(entry.names_number),
+            taken={name: seen[name] for name in entry.takes if name in seen},
             at=0.0,
         )
         return Button(

@@ -31,7 +31,7 @@ def with_kart(**changes: object) -> Snapshot:
 
 
 def test_a_heat_is_shown_and_what_no_snapshot_tells_of_is_not_denied() -> None:
-    heat = Given(CommandKind.SET_HEAT, heat='A')
+    heat = Given(CommandKind.SET_HEAT, taken={'heat': 'A'})
 
     assert shows(GRID, heat)
     assert not shows(with_kart(in_race=False), heat)
@@ -53,6 +53,6 @@ def test_a_race_that_shows_nothing_of_a_command_is_not_mistaken_for_its_result(
         track=replace(GRID.track, open=result.track_open is False),
     )
     kart = 7 if CATALOGUE[command].to_one_kart else 0
-    heat = 'B' if CATALOGUE[command].names_heat else ''
+    taken = {'heat': 'B'} if command is CommandKind.SET_HEAT else {}
 
-    assert not shows(other, Given(command, kart, heat=heat))
+    assert not shows(other, Given(command, kart, taken=taken))

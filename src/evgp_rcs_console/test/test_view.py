@@ -161,7 +161,9 @@ def test_a_question_about_other_karts_another_statement_or_hold_is_another_quest
     for other in (asking('one', 1, 2, 3), asking('other', 1, 2), asking('', 1, 2)):
         assert not asked.asks_the_same(other)
     assert asked.asks_the_same(replace(asked, reason='not now', label='other'))
-    assert not asked.asks_the_same(replace(asked, gives=replace(asked.gives, hold=RED_FLAG)))
+    assert not asked.asks_the_same(
+        replace(asked, gives=replace(asked.gives, taken={'hold': RED_FLAG}))
+    )
 
 
 def test_a_question_speaks_of_one_kart_and_of_several_and_says_who_stays_held_and_why() -> None:

@@ -25,9 +25,7 @@ SERVICES = {entry.service: getattr(srv, entry.service_type) for entry in CATALOG
 """Every official's command, by the name of its service below ``/rcs/``."""
 
 SEES = {
-    entry.service: kind
-    for kind, entry in CATALOGUE.items()
-    if entry.names_karts or entry.names_hold
+    entry.service: kind for kind, entry in CATALOGUE.items() if {'karts', 'hold'} & {*entry.takes}
 }
 """The commands whose requests contain what the official saw, by their services."""
 
@@ -47,12 +45,12 @@ def seen(race: msg.Race | None, service: str, kart: int) -> dict[str, Any]:
     if race is None or service not in SEES:
         return {}
     kind = SEES[service]
-    if CATALOGUE[kind].names_hold:
+    if 'hold' in CATALOGUE[kind].takes:
         held = next((each for each in race.karts if each.number == kart), None)
         return {} if held is None else {'hold': held.hold}
     number = getattr(msg.CommandAvailability, kind.name)
     saw = {'karts': next(each.karts for each in race.commands if each.command == number)}
-    return saw | ({'opening': race.track.opening} if CATALOGUE[kind].names_number else {})
+    return saw | ({'opening': race.track.opening} if 'opening' in CATALOGUE[kind].takes else {})
 
 
 def kind_of(service: str, request: Mapping[str, Any]) -> CommandKind:

@@ -22,6 +22,7 @@ threads:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import contextlib
 import dataclasses
 import ipaddress
@@ -110,6 +111,10 @@ program. After `presence.SILENT_AFTER` of silence, race control considers a prog
 
 READ_THE_ROSTER = (CommandKind.READ_ROSTER, CommandKind.TAKE_ROSTER)
 """The commands for which race control reads the roster's file, however long the disk takes."""
+
+READS: dict[str, Callable[[Any], Any]] = {'karts': frozenset, 'hold': state_of, 'run': tidy}
+"""The fields of requests (``Entry.takes``) that race control converts. A heat's name is not one of
+them, because it is exactly as the roster writes it."""
 
 MOST_AGE = 86_400.0
 """Maximum age of a press, in seconds (one day). The age of an older press is set to this."""
@@ -428,18 +433,12 @@ def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
         if all(getattr(request, name) == value for name, value in CATALOGUE[each].fixed.items())
     )
     entry = CATALOGUE[kind]
-    taken: dict[str, Any] = {name: getattr(request, name) for name in entry.takes}
-    taken |= {name: tidy(text) for name, text in taken.items() if isinstance(text, str)}
-    if entry.names_heat:
-        taken['heat'] = request.heat  # exactly as the roster writes it
-    if entry.names_number:
-        taken[entry.names_number] = getattr(request, entry.names_number)
+    taken = {name: getattr(request, name) for name in entry.takes}
+    taken |= {name: read(taken[name]) for name, read in READS.items() if name in taken}
     return Command(
         kind,
         request.kart if entry.to_one_kart else 0,
         entry.call_is_statement or (bool(entry.statement) and getattr(request, entry.statement)),
-        frozenset(request.karts) if entry.names_karts else frozenset(),
-        state_of(request.hold) if entry.names_hold else None,
         official=heard(request.official),
         age=_age(request.age) if entry.stop else 0.0,
         **taken,

@@ -807,7 +807,7 @@ class Race:
             return offered.reason
         if offered.statement and not command.statement:
             wait = ''
-            if entry.names_hold:
+            if 'hold' in entry.takes:
                 kart = self.karts[command.kart]
                 wait = f'{kart}: {self._silence(kart)}. Wait for it, or '
             return f'{wait}state that {offered.statement}'
@@ -1464,9 +1464,9 @@ class Race:
         """
         kind, entry = command.kind, CATALOGUE[command.kind]
         kart = self.karts.get(command.kart, NO_KART)
-        if entry.names_heat:
+        if 'heat' in entry.takes:
             return self._no_such_heat(command.heat)
-        if entry.names_hold and command.hold is not kart.hold:
+        if 'hold' in entry.takes and command.hold is not kart.hold:
             held = f'held in {kart.hold.value}' if kart.hold else 'not held'
             return f'{kart} has changed since you looked: it is now {held}. Look again'
         meant = command.run, command.race, command.attempt
@@ -1476,13 +1476,13 @@ class Race:
         if kind is CommandKind.READ_ROSTER:
             roster = command.roster
             return self._bound(roster) if roster.karts else 'the roster has no kart'
-        if entry.names_number == 'reading' and command.reading != self.reading:
+        if 'reading' in entry.takes and command.reading != self.reading:
             return (
                 f'the last reading is {self.reading}, but you named {command.reading}. Look again'
             )
         if kind is CommandKind.TAKE_ROSTER and command.roster != self._read:
             return 'the file has changed since it was read; read it again'
-        if entry.names_number == 'opening' and command.opening != self.opening:
+        if 'opening' in entry.takes and command.opening != self.opening:
             if not self.opening:
                 return f'you named opening {command.opening}, but the track has not been opened'
             how, at = self._opened
@@ -1490,7 +1490,7 @@ class Race:
                 f'the track was opened since you looked ({how}, {max(came - at, 0.0):.0f} s ago); '
                 'make sure that nobody is on it, then send this command again'
             )
-        if not entry.names_karts or concerned == command.karts:
+        if 'karts' not in entry.takes or concerned == command.karts:
             return ''
         if not command.karts:  # typed by hand
             return f'no kart is named. Add karts: {sorted(concerned)}'

@@ -145,10 +145,6 @@ class Snapshot(NamedTuple):
         doubted = any(kart.may_be_moving for kart in self.karts)
         return is_known and not doubted and not self.msr_alerts
 
-    def numbered(self, what: str) -> int:
-        """Return the number that a command names (``Entry.names_number``); 0 if it names none."""
-        return {'opening': self.track.opening, 'reading': self.reading}.get(what, 0)
-
     def kart(self, number: int) -> KartSnapshot | None:
         """Return the kart with this number; None if the snapshot has no such kart."""
         return next((kart for kart in self.karts if kart.number == number), None)
