@@ -28,15 +28,11 @@ OPTIONAL = {
         'tier4_control_msgs',
         'tier4_external_api_msgs',
     ],
+    'evgp_node': ['PyQt6', 'PySide6'],  # each package with a window asks for PyQt6 itself
     'evgp_rcs': ['mcap'],  # no rosdep key; `rcs_record bag` says what to install
-    'evgp_rcs_console': ['PySide6'],  # in place of PyQt6
     'evgp_testing': ['evgp_rcs_console'],
-    'evgp_timing': ['PySide6'],  # in place of PyQt6
 }
 """What a package imports only where it is installed, by the package."""
-
-KEYS = {'PyQt6': 'python3-pyqt6'}
-"""The rosdep keys of modules, where they are neither the module's name nor python3- before it."""
 
 every_package = pytest.mark.parametrize('path', PACKAGES, ids=lambda path: path.name)
 every_python_package = pytest.mark.parametrize('path', PYTHON_PACKAGES, ids=lambda path: path.name)
@@ -137,7 +133,7 @@ def test_a_package_asks_for_what_its_code_imports(path: pathlib.Path) -> None:
         for folder in (path.name, 'launch')
         for file in path.glob(f'{folder}/**/*.py')
         for name in imported(file) - known
-        if not {name, f'python3-{name}', KEYS.get(name)} & asked
+        if not {name, f'python3-{name}'} & asked
     }
     assert missing == set()
 

@@ -14,6 +14,7 @@ import contextlib
 import importlib
 import os
 import pathlib
+import re
 import signal
 import subprocess
 import sys
@@ -593,41 +594,31 @@ sys.exit(window.main())
 """Says when the loop of the window runs."""
 
 
-def refusal(code: str, **environment: str) -> tuple[int, str]:
-    """Return the exit code of the program, and what it says."""
+SCREENS = ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM')
+
+
+@pytest.mark.parametrize('package', ['evgp_timing.window', 'evgp_rcs_console.gui'])
+@pytest.mark.parametrize(
+    ('before', 'environment', 'why'),
+    [
+        ('sys.modules.update(PySide6=None, PyQt6=None)', {}, 'Qt for Python .* python3-pyqt6'),
+        ('sys.modules.update(PyQt6=None)', {'QT_API': 'pyqt6'}, 'Qt for Python .* PyQt6'),
+        ('', {}, 'no screen'),
+        ('', {'QT_QPA_PLATFORM': 'offscreen', 'EVGP_GRAPH_INTERFACE': '192.0.2.77'}, '192.0.2.77'),
+    ],
+    ids=['no Qt', 'not the Qt that was chosen', 'no screen', 'no such interface'],
+)
+def test_a_window_that_cannot_open_says_why_in_one_sentence(
+    package: str, before: str, environment: dict[str, str], why: str
+) -> None:
     kept = {name: value for name, value in os.environ.items() if name not in SCREENS}
+    code = f'import sys; {before}\nfrom {package} import main\nsys.exit(main())'
     done = subprocess.run(
-        [
-            sys.executable,
-            '-c',
-            f'{code}\nimport sys\nfrom evgp_timing.window import main\nsys.exit(main())',
-        ],
+        [sys.executable, '-c', code],
         env={**kept, **environment},
         capture_output=True,
         text=True,
         timeout=PATIENCE,
     )
-    return done.returncode, done.stderr
-
-
-SCREENS = ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM')
-
-
-def test_without_qt_it_says_how_to_install_it() -> None:
-    code, said = refusal('import sys\nsys.modules.update(PySide6=None, PyQt6=None)')
-    assert (code, said.count('\n')) == (2, 1)
-    assert said.startswith('timekeeper_window: Qt for Python')
-    assert 'PyQt6' in said
-
-
-def test_without_a_screen_it_says_so() -> None:
-    code, said = refusal('')
-    assert (code, said.count('\n')) == (2, 1)
-    assert 'no screen' in said
-
-
-def test_an_interface_that_is_not_there_is_named() -> None:
-    code, said = refusal('', QT_QPA_PLATFORM='offscreen', EVGP_GRAPH_INTERFACE='192.0.2.77')
-    assert code == 2
-    assert said.startswith('timekeeper_window: ')
-    assert '192.0.2.77' in said
+    assert (done.returncode, done.stderr.count('\n')) == (2, 1)
+    assert re.match(f'(timekeeper_window|rcs_gui): .*{why}', done.stderr)

@@ -223,9 +223,9 @@ class Console(Program):
 
 def probe(window: Any, address: str) -> None:
     """Answer the questions of a ``Console`` from within the window's process."""
+    from evgp_node.qt import QtCore, QtGui, QtWidgets, Signal
     from evgp_rcs_console import texts
     from evgp_rcs_console.alerts import AlertsArea
-    from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
     from evgp_rcs_console.widgets import Text
 
     talking = socket.socket(socket.AF_UNIX)

@@ -50,7 +50,7 @@ def need_screen() -> None:
 
 @functools.cache
 def _why_no_qt() -> str:
-    code = 'import evgp_rcs_console.qt'
+    code = 'import evgp_node.qt'
     done = subprocess.run(
         [sys.executable, '-c', code], capture_output=True, text=True, check=False
     )

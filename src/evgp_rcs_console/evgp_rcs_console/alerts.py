@@ -17,6 +17,7 @@ import tempfile
 import textwrap
 import wave
 
+from evgp_node.qt import QtCore, QtWidgets
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs import words
@@ -24,7 +25,6 @@ from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.notices import AlertBook, Notice, summary
-from evgp_rcs_console.qt import QtCore, QtWidgets
 from evgp_rcs_console.style import LARGE, look, NUMBER, SMALL
 from evgp_rcs_console.view import Screen
 from evgp_rcs_console.widgets import fixed, lay, mark, Panel, Push, Text, TOP

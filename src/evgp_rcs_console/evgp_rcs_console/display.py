@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import time
 from typing import TYPE_CHECKING
 
+from evgp_node.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_protocol import clock
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import Answer, StampedEvent
@@ -23,7 +24,6 @@ from evgp_rcs_console.commands import Given, LATE, shows, Unanswered
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.keys import KartField
 from evgp_rcs_console.notices import OfficialNames
-from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.view import Button, Screen
 from evgp_rcs_console.widgets import CommandButton, Text
 

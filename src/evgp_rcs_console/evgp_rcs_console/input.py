@@ -15,6 +15,7 @@ from dataclasses import replace
 import time
 from typing import TYPE_CHECKING
 
+from evgp_node.qt import QtCore, QtGui, QtWidgets
 from evgp_protocol import clock
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.words import time_of_day, Tone
@@ -24,7 +25,6 @@ from evgp_rcs_console.commands import Given
 from evgp_rcs_console.freshness import AGAIN, Beat, InputClock, STALE
 from evgp_rcs_console.karts import chooses
 from evgp_rcs_console.keys import Stroke
-from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.view import ANSWER_KEYS, Button, FINISH_KEYS, Screen
 from evgp_rcs_console.widgets import CommandButton, Push

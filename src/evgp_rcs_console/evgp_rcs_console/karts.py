@@ -9,8 +9,8 @@ If the rows do not all fit, a line of tiles above them keeps all karts in sight.
 
 from __future__ import annotations
 
+from evgp_node.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs.words import Tone
-from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.style import FILLS, GAP, LARGE, look, RADIUS, SMALL, TEXT
 from evgp_rcs_console.view import COLUMNS, KART_COMMANDS, MOST_BARS, Row, Screen
 from evgp_rcs_console.widgets import (

@@ -5,10 +5,10 @@
 
 from __future__ import annotations
 
+from evgp_node.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs_console import texts
 from evgp_rcs_console.notices import EventLog, OfficialNames
-from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.style import look, SMALL
 from evgp_rcs_console.view import Screen
 from evgp_rcs_console.widgets import (

@@ -14,13 +14,13 @@ import functools
 import itertools
 import time
 
+from evgp_node.qt import QtCore, QtWidgets
 from evgp_protocol import clock
 from evgp_rcs.words import Cell, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.freshness import SEEN
 from evgp_rcs_console.keys import key_help
-from evgp_rcs_console.qt import QtCore, QtWidgets
 from evgp_rcs_console.questions import also, Asked
 from evgp_rcs_console.view import Button, Screen
 from evgp_rcs_console.widgets import (

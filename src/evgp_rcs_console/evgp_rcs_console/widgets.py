@@ -10,11 +10,11 @@ import functools
 import itertools
 from typing import TypeVar
 
+from evgp_node.qt import QtCore, QtGui, QtWidgets
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.words import Cell, STATE_CELLS, Tone
 from evgp_rcs_console.catalogue import CATALOGUE
-from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.style import FAMILIES, look
 from evgp_rcs_console.view import Button, STEP_STATES
 

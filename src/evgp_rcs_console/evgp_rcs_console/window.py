@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import time
 
+from evgp_node.qt import QtCore, QtGui, QtWidgets
 from evgp_node.results import Standings
 from evgp_protocol import clock
 from evgp_rcs.rules.catalogue import CommandKind
@@ -26,7 +27,6 @@ from evgp_rcs_console.commands import Given, Standing, Unanswered
 from evgp_rcs_console.display import BottomLine, ChosenKart, Inbox, SeenCommands
 from evgp_rcs_console.input import CommandInput, Give, Keyboard, LateInput, Mouse
 from evgp_rcs_console.karts import KartList
-from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.sheets import Heats, Help, Officials, Question, Sheet
 from evgp_rcs_console.style import DAY, GAP, look, NIGHT

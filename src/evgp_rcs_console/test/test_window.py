@@ -23,7 +23,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 
 try:
-    from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
+    from evgp_node.qt import QtCore, QtGui, QtWidgets
 except ImportError as error:
     from rig.needs import cannot_run
 

@@ -15,46 +15,32 @@ from operator import methodcaller
 import os
 import platform
 import queue
-import signal
 import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from evgp_node.codec import value_of
-from evgp_node.deadline import end_within
 from evgp_node.entries import Entry
-from evgp_node.graph import fence_graph, GraphError
+from evgp_node.graph import fence_graph
 from evgp_node.official import claim, tidy
-from evgp_node.process import join_graph
 from evgp_node.qos import DIAGNOSTICS_QOS, latched
-from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_node.results import Standings
 from evgp_node.spinning import Spinning
 from evgp_node.stamps import seconds_of
 from evgp_node.states import state_of
+from evgp_node.window import given_official, run_window
 from evgp_rcs_msgs import msg, srv
 from evgp_timing.corrections import CORRECTIONS
 from evgp_timing.desk import Answer
-from rcl_interfaces.msg import ParameterDescriptor
-import rclpy
 from rclpy.node import Node
-from rclpy.utilities import remove_ros_args
 
-_NO_QT = (
-    "Qt for Python or one of its libraries is missing. Install it with 'apt-get install "
-    "python3-pyqt6' on Ubuntu 24.04, or 'pip install PySide6-Essentials' and 'apt-get install "
-    "qt6-qpa-plugins libgl1 libxcb-cursor0'"
-)
-NO_DISPLAY = 'There is no screen for the window. Set DISPLAY or WAYLAND_DISPLAY'
 NOT_ALLOWED = (
-    'ROS does not allow this program to correct results. With SROS2, use the enclave /officials'
+    'ROS does not allow this program to correct results. With SROS2, use the enclave '
+    '/officials ({error})'
 )
 
 TIMING = 'timing: '
 """Prefix of a timing source's name in diagnostics."""
-
-END_TIMEOUT = 5.0
-"""Maximum time from closing the window to the end of the process, in seconds."""
 
 
 class Client:
@@ -154,48 +140,24 @@ class Client:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """
-    Open the window, and run until it is closed.
+    """Open the window and run until it is closed. The result is that of ``run_window``."""
+    return run_window('timekeeper_window', _open, NOT_ALLOWED, arguments)
 
-    :param arguments: command-line arguments; None for those of this process.
-    :return: 0 after an orderly end; 2 if Qt or a screen is missing, or a setting is wrong.
-    """
-    program, *given = ['timekeeper_window', *arguments] if arguments is not None else sys.argv
-    try:
-        from evgp_timing.window_widgets import QtCore, QtWidgets, TimekeeperWindow
-    except ImportError as error:
-        return _refuse(f'{_NO_QT} ({error})')
-    if not any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM'))):
-        return _refuse(NO_DISPLAY)
-    try:
-        join_graph(program, given)
-        client = Client()
-    except RCLError as error:
-        return _refuse(f'{NOT_ALLOWED} ({error})')
-    except (GraphError, UnknownROSArgsError) as error:
-        return _refuse(str(error))
-    application = QtWidgets.QApplication(remove_ros_args([program, *given]))
-    application.setStyle('Fusion')
-    # Python runs these handlers only when one of Qt's timers calls Python.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: QtCore.QTimer.singleShot(0, application.quit))
-    # ROS reads an unquoted name such as 7 or yes as a number or a truth value, so accept any type.
-    descriptor = ParameterDescriptor(
-        description='Name of the timekeeper at this window.', read_only=True, dynamic_typing=True
-    )
-    official = client.node.declare_parameter('official', '', descriptor).value
-    window = TimekeeperWindow(client.give, client.take, str(official or ''))
+
+def _open(_: Any) -> Callable[[], object]:
+    """Open the window and its client, and return a function that closes both."""
+    from evgp_timing.window_widgets import TimekeeperWindow
+
+    client = Client()
+    official = given_official(client.node, 'Name of the timekeeper at this window.')
+    window = TimekeeperWindow(client.give, client.take, official)
     window.widget.showMaximized()
-    application.exec()
-    end_within(END_TIMEOUT, 0)  # even if DDS hangs
-    client.close()
-    rclpy.try_shutdown()
-    return 0
 
+    def close() -> None:
+        window.widget.close()
+        client.close()
 
-def _refuse(why: str) -> int:
-    print(f'timekeeper_window: {why}', file=sys.stderr)
-    return 2
+    return close
 
 
 if __name__ == '__main__':

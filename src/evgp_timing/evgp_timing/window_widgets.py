@@ -11,23 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-import importlib
-import importlib.util
 import math
 from typing import Any, TypeAlias
 
 from evgp_node.entries import Entry
 from evgp_node.official import MOST, MOST_OF_NAME
+from evgp_node.qt import QtCore, QtGui, QtWidgets
 from evgp_node.results import Act, lap_time, Standings, TIMING_GONE
 from evgp_protocol import clock
 from evgp_timing import window_view as view
 from evgp_timing.corrections import CORRECTIONS
 from evgp_timing.desk import Answer
-
-_BINDING = 'PySide6' if importlib.util.find_spec('PySide6') else 'PyQt6'
-QtCore: Any = importlib.import_module(f'{_BINDING}.QtCore')
-QtGui: Any = importlib.import_module(f'{_BINDING}.QtGui')
-QtWidgets: Any = importlib.import_module(f'{_BINDING}.QtWidgets')
 
 NO_ANSWER = 5.0
 """Time after which the window reports a correction as unanswered, in seconds."""
