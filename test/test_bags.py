@@ -15,10 +15,10 @@ import sys
 from typing import Any
 
 from evgp_node.stream import Block
+from evgp_node.stream_file import blocks_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record.runs import events_of, open_runs
-from evgp_rcs.record.store import blocks_of
 from evgp_rcs.ros.publisher import EVENTS_QOS, RACE_QOS
 from evgp_rcs.rules.inputs import Entry
 from evgp_rcs.rules.race import StampedEvent

@@ -21,12 +21,6 @@ from evgp_node.encoding import DAMAGED, reader, written
 
 _Entry = TypeVar('_Entry')
 
-SCHEMA_VERSION = 12
-"""The ``user_version`` of the files that contain such streams."""
-
-BOOK = 'timing.sqlite3'
-"""File name of the timekeeper's book. It is in the same folder as the record."""
-
 
 class DamagedError(ValueError):
     """An entry or a block is damaged. The text says how."""

@@ -15,12 +15,13 @@ import sqlite3
 from typing import Any, cast
 
 from evgp_node.results import Corrected, Standings
-from evgp_node.stream import Began, Block, BOOK, Gap, SCHEMA_VERSION, Stream
+from evgp_node.stream import Began, Block, Gap, Stream
+from evgp_node.stream_file import blocks_of, BOOK, SCHEMA_VERSION
 from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.report.model import Account, Happened
 from evgp_rcs.record.runs import Kept, open_runs
-from evgp_rcs.record.store import blocks_of, PROGRAM, Record, rules_version, Session
+from evgp_rcs.record.store import PROGRAM, Record, rules_version, Session
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.inputs import Batch, encode, Entrant, entries_of, Entry, Log, Rules, Setup

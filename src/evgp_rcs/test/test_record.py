@@ -16,17 +16,12 @@ import subprocess
 import time
 
 from evgp_node.stream import Began, Block
+from evgp_node.stream_file import blocks_of, open_for_reading
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as print_timeline
 from evgp_rcs.record.runs import events_of, PARTLY
 import evgp_rcs.record.store
-from evgp_rcs.record.store import (
-    blocks_of,
-    left_behind,
-    open_read_only,
-    Record,
-    sessions,
-)
+from evgp_rcs.record.store import left_behind, Record, sessions
 from evgp_rcs.rules.inputs import Batch, encode, entries_of, Entry, Rules, Setup, Tick
 from evgp_rcs.rules.race import (
     Doubt,
@@ -101,7 +96,7 @@ def test_a_run_has_an_id_of_its_own_and_a_stream_of_another_program_is_none(
     with contextlib.closing(sqlite3.connect(path)) as database, database:
         database.execute('INSERT INTO block VALUES (2, 1, ?)', (timekeeper,))
     assert begin().left_behind == HOME
-    with contextlib.closing(open_read_only(path)) as database:
+    with contextlib.closing(open_for_reading(path)) as database:
         oldest, newest = sessions(database)
     assert (newest.number, oldest.number) == (3, 1)
     assert newest.id != oldest.id
@@ -200,7 +195,7 @@ def test_no_start_waits_for_who_reads_the_record_as_a_spare_does(
 ) -> None:
     record = begin()
     have_written(record, HOME)
-    with contextlib.closing(open_read_only(path)) as database:
+    with contextlib.closing(open_for_reading(path)) as database:
         database.execute('BEGIN')
         assert [*blocks_of(database, 1)]
         have_written(record, RACING)
@@ -380,7 +375,7 @@ def test_entries_without_events_wait_for_others_but_not_for_long(
     assert 0 < record.due_in() <= evgp_rcs.record.store.INPUTS_EVERY
     assert record.write()
     assert record.due_in() == math.inf
-    with contextlib.closing(open_read_only(path)) as database:
+    with contextlib.closing(open_for_reading(path)) as database:
         _, *found = entries_of(blocks_of(database, 1))
     assert found == [Tick(1.0), Tick(2.0)]
 

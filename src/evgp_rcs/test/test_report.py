@@ -30,6 +30,7 @@ from evgp_node.results import (
     Status,
 )
 from evgp_node.roster import Format
+from evgp_node.stream_file import BOOK
 from evgp_protocol.clock import duration
 from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
@@ -49,7 +50,6 @@ from evgp_rcs.record.report.model import (
 from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.record.runs import DONE, open_runs, PARTLY, UNREADABLE, UnreadableError
 from evgp_rcs.record.store import Record
-from evgp_rcs.record.timing import BOOK
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import Event, EventKind, Heat, LastRun

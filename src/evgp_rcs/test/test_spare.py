@@ -15,12 +15,12 @@ import threading
 import time
 from typing import Any
 
+from evgp_node.stream_file import BOOK
 from evgp_protocol.states import RaceState
 from evgp_rcs.record import run_mark
 from evgp_rcs.record.run_mark import RunMark
 from evgp_rcs.record.runs import events_of
 from evgp_rcs.record.store import Record
-from evgp_rcs.record.timing import BOOK
 from evgp_rcs.rules.inputs import Batch
 from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 from evgp_rcs.spare import copies as spare

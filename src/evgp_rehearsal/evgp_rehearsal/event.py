@@ -28,7 +28,7 @@ from evgp_node.codec import message_of, value_of
 from evgp_node.qos import latched
 from evgp_node.results import Corrected, Passing
 from evgp_node.states import state_of
-from evgp_node.stream import BOOK
+from evgp_node.stream_file import BOOK
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.runs import events_of, open_runs

@@ -9,7 +9,7 @@ import pathlib
 from typing import Any
 
 from evgp_node.results import Act, Corrected, Correction, Identity
-from evgp_node.stream import BOOK
+from evgp_node.stream_file import BOOK
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import Event, EventKind, StampedEvent

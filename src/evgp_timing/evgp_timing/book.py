@@ -19,7 +19,8 @@ import time
 from typing import get_args, IO
 
 from evgp_node.results import Standings
-from evgp_node.stream import Began, Block, Gap, SCHEMA_VERSION, Stream
+from evgp_node.stream import Began, Block, Gap, Stream
+from evgp_node.stream_file import blocks_of, open_for_writing, runs_of
 from evgp_protocol import clock
 from evgp_timing import desk
 
@@ -37,15 +38,6 @@ as old as its stream."""
 Entry = Began | desk.Input | Standings
 
 STREAM: Stream[Entry] = Stream(get_args(Entry))
-
-_SCHEMA = """
-CREATE TABLE IF NOT EXISTS block ( -- the streams, one for each start of the timekeeper
-    run INTEGER NOT NULL, -- number of the stream, from 1
-    number INTEGER NOT NULL, -- number of the block in its stream, from 1 without gaps
-    data BLOB NOT NULL, -- stream.Block
-    PRIMARY KEY (run, number)
-)
-"""
 
 
 class BookError(RuntimeError):
@@ -74,7 +66,7 @@ class Book:
             raise BookError(f'{path} cannot be written: {error.strerror}') from error
         try:
             fcntl.flock(self._claimed, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self._database = self._open()
+            self._database, self._run = open_for_writing(path)
         except BlockingIOError as error:
             self._claimed.close()
             raise BookError(
@@ -91,26 +83,6 @@ class Book:
             'another file with the parameter book'
         )
 
-    def _open(self) -> sqlite3.Connection:
-        # One thread opens the database, and another writes into it later.
-        database = sqlite3.connect(
-            self._path, timeout=1.0, isolation_level=None, check_same_thread=False
-        )
-        try:
-            (version,) = database.execute('PRAGMA user_version').fetchone()
-            if version not in (0, SCHEMA_VERSION):
-                raise sqlite3.DatabaseError(f'its version is {version}, not {SCHEMA_VERSION}')
-            database.execute('PRAGMA journal_mode = WAL')
-            database.execute('PRAGMA synchronous = FULL')
-            database.execute(_SCHEMA)
-            database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
-            (last,) = database.execute('SELECT max(run) FROM block').fetchone()
-        except sqlite3.Error:
-            database.close()
-            raise
-        self._run = (last or 0) + 1
-        return database
-
     def known(self) -> Iterator[desk.Input | Gap]:
         """
         Yield the inputs and gaps of this event's streams, oldest first.
@@ -120,14 +92,12 @@ class Book:
         :raises BookError: if SQLite finds the file damaged.
         """
         try:
-            runs = self._database.execute('SELECT DISTINCT run FROM block ORDER BY run').fetchall()
-            for (run,) in runs:
-                query = 'SELECT number, data FROM block WHERE run = ? ORDER BY number'
-                yield from self._of_stream(self._database.execute(query, (run,)).fetchall())
+            for run in runs_of(self._database):
+                yield from self._of_stream(blocks_of(self._database, run))
         except sqlite3.Error as error:
             raise self._unusable(error) from error
 
-    def _of_stream(self, blocks: list[tuple[int, bytes]]) -> Iterator[desk.Input | Gap]:
+    def _of_stream(self, blocks: Iterator[tuple[int, bytes]]) -> Iterator[desk.Input | Gap]:
         now_ns = time.time_ns()
         began = Began(self._boot, WRITER, now_ns)  # if the stream lacks its own
         for entry in STREAM.entries_of(blocks):

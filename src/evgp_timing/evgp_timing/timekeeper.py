@@ -39,7 +39,8 @@ from evgp_node.qos import latched
 from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Passing, Standings
 from evgp_node.roster import load_roster, RosterError
 from evgp_node.stamps import seconds_of
-from evgp_node.stream import BOOK, Gap
+from evgp_node.stream import Gap
+from evgp_node.stream_file import BOOK
 from evgp_protocol import clock
 from evgp_rcs_msgs import msg, srv
 from evgp_rcs_msgs.srv import KartFinish

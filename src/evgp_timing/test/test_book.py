@@ -87,7 +87,7 @@ def another_version(path: pathlib.Path) -> None:
 
 def another_program(path: pathlib.Path) -> None:
     with contextlib.closing(sqlite3.connect(path)) as database:
-        database.execute('CREATE TABLE block (at REAL)')
+        database.execute('CREATE TABLE invoices (sum INTEGER)')
 
 
 def half_lost(path: pathlib.Path) -> None:
@@ -101,15 +101,17 @@ def half_lost(path: pathlib.Path) -> None:
 
 
 @pytest.mark.parametrize('damage', [no_database, another_version, another_program, half_lost])
-def test_a_file_that_is_no_book_is_refused_with_what_to_do(
+def test_a_file_that_is_no_book_is_left_alone_and_refused_with_what_to_do(
     damage: Callable[[pathlib.Path], None], path: pathlib.Path
 ) -> None:
     path.parent.mkdir()
     damage(path)
+    before = path.read_bytes()
     with pytest.raises(BookError, match='Move it away, or choose another file') as refused:
         known(path)
     assert str(path) in str(refused.value)
     assert '\n' not in str(refused.value)
+    assert path.read_bytes() == before
 
 
 def test_a_folder_in_which_nobody_may_write_is_refused(tmp_path: pathlib.Path) -> None:

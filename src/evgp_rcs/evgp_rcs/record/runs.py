@@ -17,15 +17,10 @@ import subprocess
 import sys
 import tempfile
 
-from evgp_node.stream import Block, DamagedError, Gap, SCHEMA_VERSION
+from evgp_node.stream import Block, DamagedError, Gap
+from evgp_node.stream_file import blocks_of, open_for_reading, SCHEMA_VERSION
 from evgp_rcs.record.plain import plain
-from evgp_rcs.record.store import (
-    blocks_of,
-    is_being_written,
-    open_read_only,
-    Session,
-    sessions,
-)
+from evgp_rcs.record.store import is_being_written, Session, sessions
 from evgp_rcs.rules.inputs import entries_of, Entry
 from evgp_rcs.rules.race import StampedEvent
 
@@ -170,7 +165,7 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
     try:
         _check_file(file)
         with contextlib.ExitStack() as stack:
-            database = stack.enter_context(contextlib.closing(open_read_only(file)))
+            database = stack.enter_context(contextlib.closing(open_for_reading(file)))
             damage = _damage(file, database)
             if damage:
                 folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))

@@ -33,7 +33,14 @@ from typing import IO
 
 from evgp_node.encoding import read, written
 from evgp_node.folder import rcs_folder
-from evgp_node.stream import Began, Block, joined, SCHEMA_VERSION
+from evgp_node.stream import Began, Block, joined
+from evgp_node.stream_file import (
+    blocks_of,
+    connection,
+    open_for_writing,
+    OtherFileError,
+    runs_of,
+)
 from evgp_protocol import clock, states
 from evgp_rcs.record.run_mark import claim, in_words
 from evgp_rcs.rules import catalogue, race
@@ -53,17 +60,11 @@ LAST_WORDS = 10.0
 RETRY = 1.0
 """Time after a failure until the next attempt, in seconds."""
 
-_SCHEMA = """
-CREATE TABLE block ( -- the streams of all runs
-    run INTEGER NOT NULL, -- counts the streams of this file from 1
-    number INTEGER NOT NULL, -- counts the blocks of a stream from 1, without a gap
-    data BLOB NOT NULL, -- Block
-    PRIMARY KEY (run, number)
-);
+_MEMORY = """
 CREATE TABLE memory ( -- what the next run must know; the last one only
     run INTEGER PRIMARY KEY,
     data TEXT NOT NULL -- RaceMemory, as encoding writes it
-);
+)
 """
 
 
@@ -128,8 +129,8 @@ class Record:
     def __init__(self, path: pathlib.Path, run: str = '') -> None:
         """Claim the file and find what the last run left behind."""
         self._path = path
-        self._id = run or secrets.token_hex(8)
-        self._waiting: list[Block] = []
+        began = Began(run or secrets.token_hex(8), PROGRAM, time.time_ns())
+        self._waiting = [Block(0, encode(began))]
         self._due = math.inf  # when to write
         self._blocks: list[bytes] = []  # compressed once, however often the disk fails
         self._blocks_written = 0
@@ -224,33 +225,15 @@ class Record:
         self._claimed = claimed
 
     def _open(self) -> None:
-        """Open the file, and begin a new run if none has begun."""
-        database = self._database = sqlite3.connect(self._path, timeout=1.0, isolation_level=None)
-        (version,) = database.execute('PRAGMA user_version').fetchone()
-        tables = database.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]
-        if tables and version != SCHEMA_VERSION:
+        try:
+            self._database, run = open_for_writing(self._path, _MEMORY)
+        except OtherFileError as error:
             raise OSError(
-                f'{self._path} is not a record of this race control (its version is {version}, '
-                f'not {SCHEMA_VERSION}): move it away, or choose another file with the '
-                'parameter record'
-            )
-        database.execute('PRAGMA journal_mode = WAL')
-        # FULL, so that a power failure loses nothing that was written.
-        database.execute('PRAGMA synchronous = FULL')
-        if self._run:
-            return
-        with database:
-            database.execute('BEGIN IMMEDIATE')
-            if not tables:
-                for statement in _SCHEMA.split(';\n'):
-                    database.execute(statement)
-                database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
-            (last,) = database.execute('SELECT max(run) FROM block').fetchone()
-            run = (last or 0) + 1
-            first = Block(0, encode(Began(self._id, PROGRAM, time.time_ns()))).compressed()
-            database.execute('INSERT INTO block VALUES (?, 1, ?)', (run, first))
-        self._run, self._blocks_written = run, 1
-        _checkpoint(database)
+                f'{self._path} is not a record of this race control ({error}): move it away, or '
+                'choose another file with the parameter record'
+            ) from error
+        self._run = self._run or run
+        _checkpoint(self._database)  # what a crash has left beside the file
 
     def _write(self) -> None:
         assert self._database is not None
@@ -303,28 +286,7 @@ def left_behind(path: pathlib.Path) -> RaceMemory | None:
     return None
 
 
-def connection(path: pathlib.Path, how: str) -> sqlite3.Connection:
-    """Open a record with parameters of SQLite's, such as ``mode=ro``."""
-    return sqlite3.connect(f'{path.absolute().as_uri()}?{how}', uri=True, timeout=1.0)
-
-
 # ----- to read a record -----------------------------------------------------------------------
-
-
-def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
-    """
-    Open a record for reading, even while race control is writing it.
-
-    :raises FileNotFoundError: if there is no such file.
-    :raises sqlite3.Error: if it cannot be read.
-    """
-    if not path.exists():
-        raise FileNotFoundError(f'there is no {path}')
-    # Beside a file that may change, SQLite needs files of its own, which it may not create here.
-    is_final = not (path.with_name(f'{path.name}-wal').exists() or os.access(path.parent, os.W_OK))
-    database = connection(path, 'immutable=1' if is_final else 'mode=ro')
-    database.text_factory = lambda text: text.decode(errors='replace')
-    return database
 
 
 def is_being_written(path: pathlib.Path) -> bool:
@@ -342,27 +304,13 @@ def is_being_written(path: pathlib.Path) -> bool:
     return False
 
 
-def blocks_of(
-    database: sqlite3.Connection, run: int, backwards: bool = False
-) -> Iterator[tuple[int, bytes]]:
-    """
-    Yield the blocks of a run's stream, compressed, each with its number.
-
-    :raises sqlite3.DatabaseError: if the record is damaged.
-    """
-    order = 'DESC' if backwards else 'ASC'
-    query = f'SELECT number, data FROM block WHERE run = ? ORDER BY number {order}'  # noqa: S608
-    yield from database.execute(query, (run,))
-
-
 def sessions(database: sqlite3.Connection) -> Iterator[Session]:
     """
     Yield the runs of race control in a record, oldest first.
 
     :raises sqlite3.DatabaseError: if the record is damaged.
     """
-    query = 'SELECT DISTINCT run FROM block ORDER BY run'
-    for (number,) in database.execute(query).fetchall():
+    for number in runs_of(database):
         run = _session(database, number)
         if run is not None:
             yield run

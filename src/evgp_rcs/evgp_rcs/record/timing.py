@@ -12,9 +12,9 @@ import sqlite3
 from typing import NamedTuple
 
 from evgp_node.results import Act, Corrected, Standings
-from evgp_node.stream import BOOK, Gap, SCHEMA_VERSION, Stream
+from evgp_node.stream import Gap, Stream
+from evgp_node.stream_file import blocks_of, BOOK, check_version, open_for_reading, runs_of
 from evgp_rcs.record.runs import say
-from evgp_rcs.record.store import blocks_of, open_read_only
 
 _STREAM: Stream[Standings | Corrected] = Stream([Standings, Corrected])
 
@@ -37,11 +37,9 @@ def entries(path: pathlib.Path) -> Iterator[tuple[int, Standings | Corrected | G
 
     :raises OSError, sqlite3.Error: if the book cannot be read.
     """
-    with contextlib.closing(open_read_only(path)) as database:
-        (version,) = database.execute('PRAGMA user_version').fetchone()
-        if version != SCHEMA_VERSION:
-            raise sqlite3.DatabaseError(f'its version is {version}, not {SCHEMA_VERSION}')
-        for (run,) in database.execute('SELECT DISTINCT run FROM block ORDER BY run').fetchall():
+    with contextlib.closing(open_for_reading(path)) as database:
+        check_version(database)
+        for run in runs_of(database):
             for entry in _STREAM.entries_of(blocks_of(database, run), (Standings, Corrected)):
                 yield run, entry
 

@@ -31,11 +31,11 @@ import time
 
 from evgp_node.folder import rcs_folder
 from evgp_node.roster import load_roster, RosterError
-from evgp_node.stream import BOOK
+from evgp_node.stream_file import BOOK, connection
 from evgp_protocol import clock
 from evgp_rcs.karts.channel import ServerSettings
 from evgp_rcs.record.run_mark import leave_began, place
-from evgp_rcs.record.store import connection, sessions
+from evgp_rcs.record.store import sessions
 import yaml
 
 COPY_EVERY = 5.0

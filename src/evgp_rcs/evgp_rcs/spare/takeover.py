@@ -27,7 +27,7 @@ import time
 from evgp_node.folder import rcs_folder
 from evgp_node.graph import bind_graph, fence_graph, GraphError, INTERFACE, interfaces
 from evgp_node.restarting import IN_THE_WAY, keep_running, WRONG_SETTING
-from evgp_node.stream import BOOK
+from evgp_node.stream_file import BOOK
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_rcs.record.run_mark import leave_began, place
 from evgp_rcs.ros.rival import refuse_rivals, RivalError
