@@ -355,6 +355,7 @@ FAULTS = [
     ('    kart->order = 0;\n', ''),
     ('    kart->commanded = EVGP_NONE;\n', ''),
     ('        kart->armed = 0;\n        kart->out = 1;\n', '        kart->out = 1;\n'),
+    ('        kart->armed = 0;\n        kart->out = 1;\n', ''),
     ('    kart->slowing = 0;\n    if (kart->armed) {', '    if (kart->armed) {'),
     ('    if (kart->armed) {', '    if (kart->commanded == EVGP_GRID_ACTIVE) {'),
     ('        kart->acknowledged = 0;\n        evgp_p_number', '        evgp_p_number'),
@@ -372,6 +373,7 @@ FAULTS = [
     ('        kart->skipping = 0;\n        kart->frame[0]', '        kart->frame[0]'),
     ('byte > 127U || ', ''),
     ('EVGP_MAX_FRAME_BYTES - 1)', 'EVGP_MAX_FRAME_BYTES - 2)'),
+    ('EVGP_MAX_FRAME_BYTES - 1)', 'EVGP_MAX_FRAME_BYTES)'),
     ('    kart->frame_bytes = 0;\n    kart->skipping = 0;\n', ''),
     ('i < count && kart->open', 'i < count'),
     ('return kart->settings.drive_in_garage != 0;', 'return 0;'),
@@ -414,48 +416,6 @@ def test_a_fault_in_the_header_is_found(
     driver = compile_kit('test/driver.c', *C99, '-w', kit=tmp_path)
 
     assert any(difference(driver, history_of(index)) for index in range(20))
-
-
-@pytest.mark.parametrize('runs', [50_000, pytest.param(400_000, marks=pytest.mark.long)])
-def test_nothing_is_found_by_random_bytes(
-    compile_kit: Compile, chance: random.Random, runs: int
-) -> None:
-    fuzzer = compile_kit('test/fuzz.c', *C99, *SANITIZED)
-    seed = str(chance.randrange(1, 2**32))
-
-    done = subprocess.run([str(fuzzer), str(runs), seed], capture_output=True, text=True)
-
-    assert done.returncode == 0, f'seed {seed}: {done.stderr}'
-    assert done.stdout == f'{runs} runs\n'
-
-
-@pytest.mark.parametrize(
-    ('old', 'new'),
-    [
-        *(FAULTS[each] for each in (0, 10, 11, 12)),
-        ('        kart->armed = 0;\n        kart->out = 1;\n', ''),
-        ('EVGP_MAX_FRAME_BYTES - 1)', 'EVGP_MAX_FRAME_BYTES)'),
-    ],
-    ids=range(6),
-)
-def test_a_fault_in_the_header_is_found_by_random_bytes(
-    compile_kit: Compile, tmp_path: pathlib.Path, old: str, new: str
-) -> None:
-    put_fault(tmp_path, old, new)
-    # Compiled in a sixth of the time, and it runs until it finds the fault only.
-    fuzzer = compile_kit('test/fuzz.c', *C99, *SANITIZED, '-O0', '-w', kit=tmp_path)
-
-    assert subprocess.run([str(fuzzer), '50000'], capture_output=True).returncode != 0
-
-
-@pytest.mark.skipif(not shutil.which('clang'), reason='libFuzzer comes with clang alone')
-def test_nothing_is_found_in_a_fixed_number_of_guided_runs(compile_kit: Compile) -> None:
-    guided = ('-DEVGP_LIBFUZZER', '-fsanitize=fuzzer,address,undefined')
-    fuzzer = compile_kit('test/fuzz.c', *C99, *guided, compiler='clang')
-
-    done = subprocess.run([str(fuzzer), '-runs=50000', '-seed=1'], capture_output=True, text=True)
-
-    assert done.returncode == 0, done.stderr
 
 
 # ----- the board around it -------------------------------------------------------------------
