@@ -366,19 +366,22 @@ def test_an_inspection_whose_terminal_is_closed_leaves_its_report(
         ['--red-red', '-1'],
         ['--odometry', '-'],
         ['--odometry', 'no/such/file', *UNATTENDED],
+        ['--odometry', '/', *UNATTENDED],
         ['--odometry', 'udp:99999', *UNATTENDED],
+        ['--odometry', 'udp:odom', *UNATTENDED],
         ['--port', '99999', *UNATTENDED],
     ],
 )
 def test_a_wrong_use_is_told_and_nothing_begins(words: list[str], tmp_path: pathlib.Path) -> None:
     done = subprocess.run(
-        [*INSPECT, *SHORT, '--report', str(tmp_path), *words],
+        [*INSPECT, *SHORT, '--connect', '0.1', '--report', str(tmp_path), *words],
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
     )
     assert done.returncode == 2
     assert done.stderr
+    assert 'invalid literal' not in done.stderr  # which tells nobody what to type
     assert not list(tmp_path.iterdir())
 
 

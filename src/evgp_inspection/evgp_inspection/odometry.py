@@ -10,6 +10,7 @@ from collections.abc import Callable
 import contextlib
 import importlib
 import math
+import os
 import pathlib
 import threading
 from typing import Any
@@ -67,6 +68,8 @@ async def listen(source: str, take: Take) -> Callable[[], None]:
 
     if source.startswith('udp:'):
         address, _, port = source.removeprefix('udp:').rpartition(':')
+        if not port.isdecimal():
+            raise ValueError(f'--odometry {source} has no port: udp:[ADDRESS:]PORT')
         transport, _ = await loop.create_datagram_endpoint(
             lambda: Lines(take), (address or '127.0.0.1', int(port))
         )
@@ -77,8 +80,9 @@ async def listen(source: str, take: Take) -> Callable[[], None]:
 
 
 def _listen_to_file(source: str, take: Take) -> Callable[[], None]:
-    if source != '-' and not pathlib.Path(source).exists():
-        raise FileNotFoundError(f'there is no file or pipe {source}')
+    path = pathlib.Path(source)
+    if source != '-' and (path.is_dir() or not os.access(path, os.R_OK)):
+        raise OSError(f'--odometry {source} is not a file or pipe that can be read')
     threading.Thread(target=_read, args=(source, take), daemon=True).start()
     return lambda: None
 
