@@ -576,8 +576,8 @@ a kart that moves is ready for the grid: [odometry required] _refusal: _contradi
     is not RaceState.GRID_ACTIVE and it
 no number is slow enough for a red: [acknowledges by itself] _contradiction: speed <= => not speed
     > limit
-acknowledges green while it stands: [odometry required] _contradiction: always speed >
-no number drives: [odometry required] _contradiction: speed > => not speed <= limit
+acknowledges green while it stands: [odometry required] _contradiction: always speed > #1
+no number drives: [odometry required] _contradiction: speed > #1 => not speed <= limit
 required odometry is not missed: [odometry required] __init__: without odometry_required
 odometry that acknowledges is not missed: [acknowledges by itself] __init__: without
     auto_acknowledge_stop
@@ -619,6 +619,11 @@ EVERY: dict[str, World] = {
 
 DAILY = {fault.where: name for name, fault in reversed(FAULTS.items())}
 """The first fault of each function."""
+
+
+def test_every_fault_has_one_place_in_the_function_that_it_names() -> None:
+    for fault in FAULTS.values():
+        module_with(arbiter_module, fault)
 
 
 @pytest.mark.parametrize(
