@@ -219,13 +219,19 @@ def test_an_end_of_the_ros_half_means_red_red_and_what_happened_is_on_the_disk(
 def test_a_port_in_use_is_refused_and_leaves_no_doubt_behind(half: Half, begin: Begin) -> None:
     with socket.create_server(('127.0.0.1', begin.settings.port)):
         half.say(dataclasses.replace(begin, cannot_know='no cable'))
-        assert 'address already in use' in half.wait_for(Failed).text
+        assert 'another program uses the port' in half.wait_for(Failed).text
         assert half.process.wait(TIMEOUT) == 2
     again = Half()
     with contextlib.closing(again):
         again.say(begin)
         again.wait_for(Listening)
         assert again.wait_for(Snapshot).state is IN_GARAGE
+
+
+def test_an_address_that_this_machine_does_not_have_is_refused(half: Half, begin: Begin) -> None:
+    half.say(dataclasses.replace(begin, settings=ServerSettings('203.0.113.9', new_port())))
+    assert 'this machine does not have that address' in half.wait_for(Failed).text
+    assert half.process.wait(TIMEOUT) == 2
 
 
 def test_a_hold_of_the_last_moment_is_found_by_the_next_run(

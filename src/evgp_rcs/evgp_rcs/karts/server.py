@@ -23,6 +23,7 @@ from __future__ import annotations
 import asyncio
 from collections import defaultdict, deque
 from collections.abc import Callable
+import errno
 import itertools
 import math
 import socket
@@ -215,12 +216,15 @@ class KartServer:
             with server.sockets[0].dup() as taking:
                 taking.listen(CONNECTION_QUEUE)
         except OSError as error:
-            where = f'{self._settings.host}, port {self._settings.port}'
+            host, port = self._settings.host, self._settings.port
+            why = {
+                errno.EADDRINUSE: 'another program uses the port, perhaps another race control. '
+                'End it',
+                errno.EADDRNOTAVAIL: 'this machine does not have that address. Connect its '
+                "network, or set the one that it has on the karts' network (make run ADDRESS=...)",
+            }.get(error.errno or 0, in_words(error))
             raise KartServerError(
-                f'race control cannot listen for karts at {where}: {in_words(error)}. '
-                "Set address (make run ADDRESS=...) to this machine's address on the karts' "
-                'network. If it is right, stop the program that uses the port, which may be '
-                'another race control'
+                f'race control cannot listen for karts at {host}, port {port}: {why}'
             ) from error
         if self._left_behind is not None:
             self._publish_outcome(self._first_events, self._left_behind.at)
