@@ -24,8 +24,8 @@ from evgp_rcs.record.store import Record
 from evgp_rcs.rules.inputs import Batch
 from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 from evgp_rcs.spare import copies as spare
+from evgp_rcs.spare import takeover
 from evgp_rcs.spare.copies import fetch, keep, latest, NAMES, ORIGIN, RECORD, SpareError
-from evgp_rcs.spare.takeover import timekeeper
 import pytest
 
 KARTS = 'karts:\n- {number: 7, team: A, address: 10.0.0.107, in_race: true}\n'
@@ -276,5 +276,21 @@ def test_with_sros2_the_timekeeper_of_a_takeover_has_its_own_enclave(
     program.chmod(0o755)
     monkeypatch.setattr(sys, 'executable', str(program))
     monkeypatch.setenv('ROS_SECURITY_ENCLAVE_OVERRIDE', ours)
-    with timekeeper(tmp_path):
+    with takeover.timekeeper(tmp_path):
         assert told.read_text() == ('/timekeeper\n' if ours else '\n')
+
+
+@pytest.mark.parametrize(
+    ('address', 'interface', 'said'),
+    [
+        ('', 'lo', "'' is not an IPv4 address"),
+        ('10.0.0.1', '', 'choose from'),
+        ('10.0.0.1', 'e9', 'choose from'),
+    ],
+)
+def test_a_takeover_names_a_wrong_address_and_the_interfaces_that_there_are(
+    address: str, interface: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        takeover.main([address, interface])
+    assert said in capsys.readouterr().err

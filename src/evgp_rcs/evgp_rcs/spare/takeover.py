@@ -26,6 +26,7 @@ import time
 
 from evgp_node.folder import rcs_folder
 from evgp_node.graph import bind_graph, fence_graph, GraphError, INTERFACE, interfaces
+from evgp_node.network_cards import cards
 from evgp_node.restarting import IN_THE_WAY, keep_running, WRONG_SETTING
 from evgp_node.stream_file import BOOK
 from evgp_protocol.frames import DEFAULT_PORT
@@ -182,7 +183,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=ipv4_address,
         help="race control's address on the karts' network, such as 10.0.0.1/24",
     )
-    add('interface', help="this machine's interface on the karts' network, such as eth0")
+    add(
+        'interface',
+        choices=[each.name for each in cards()],
+        metavar='interface',
+        help="this machine's interface on the karts' network, such as eth0",
+    )
     add('--port', type=int, default=DEFAULT_PORT, help='port for karts (default: %(default)s)')
     given = parser.parse_args(arguments)
     try:
@@ -196,9 +202,12 @@ def ipv4_address(text: str) -> ipaddress.IPv4Interface:
     """
     Return the address and network in a text. The network is a /24 if the text does not name it.
 
-    :raises ValueError: if the text is not an IPv4 address.
+    :raises argparse.ArgumentTypeError: if the text is not an IPv4 address.
     """
-    return ipaddress.IPv4Interface(text if '/' in text else f'{text}/24')
+    try:
+        return ipaddress.IPv4Interface(text if '/' in text else f'{text}/24')
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f'{text!r} is not an IPv4 address') from error
 
 
 if __name__ == '__main__':
