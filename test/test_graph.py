@@ -518,6 +518,13 @@ def test_what_is_the_address_of_no_interface_is_not_awaited(
     assert not isinstance(refusal.value, graph.NotNowError)
 
 
+@pytest.mark.parametrize('domain', ['233', '-1', 'seven'])
+def test_what_is_no_ros_domain_is_refused(domain: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(graph.DOMAIN, domain)
+    with pytest.raises(graph.GraphError, match=f'{domain}, which is not a ROS domain'):
+        graph.bind_graph()
+
+
 def test_a_middleware_that_cannot_be_bound_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(graph, 'get_rmw_implementation_identifier', lambda: 'rmw_zenoh_cpp')
     with pytest.raises(graph.GraphError, match='rmw_zenoh_cpp cannot be bound'):

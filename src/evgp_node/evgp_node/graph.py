@@ -151,14 +151,13 @@ class NotNowError(GraphError):
 
 
 def _refuse_domain() -> None:
-    """Refuse a ROS domain without UDP ports. ROS itself refuses text that is not a number."""
-    given = os.environ.get(DOMAIN, '')
-    with contextlib.suppress(ValueError):
-        if not 0 <= int(given, 0) <= LAST_DOMAIN:
-            raise GraphError(
-                f'{DOMAIN} is {given}, which is not a ROS domain. '
-                f'Set a number from 0 to {LAST_DOMAIN}, preferably up to 101'
-            )
+    """Refuse what is not a ROS domain, or one without UDP ports."""
+    given = os.environ.get(DOMAIN) or '0'
+    if not given.isdecimal() or int(given) > LAST_DOMAIN:
+        raise GraphError(
+            f'{DOMAIN} is {given}, which is not a ROS domain. '
+            f'Set a number from 0 to {LAST_DOMAIN}, preferably up to 101'
+        )
 
 
 def bind_graph(*, always_here: bool = False) -> None:
