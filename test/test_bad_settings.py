@@ -11,7 +11,7 @@ import pathlib
 from typing import Any
 
 from evgp_kart_bridge import node as bridge
-from evgp_node.parameter_files import ignored
+from evgp_node.parameter_files import ignored, unreadable
 from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import WRONG_SETTING
 from evgp_rcs.ros import settings
@@ -125,12 +125,17 @@ def test_an_unknown_argument_of_ros_is_refused(refusal: Refusal) -> None:
     assert 'unknown ROS arguments' in refusal('--unheard-of')
 
 
-def test_a_parameter_file_that_is_no_yaml_is_refused(
-    refusal: Refusal, tmp_path: pathlib.Path
+@pytest.mark.parametrize(
+    ('file', 'said'),
+    [('broken.yaml', ":4: expected ',' or ']', but got "), ('none.yaml', ': cannot be read (')],
+)
+def test_a_parameter_file_that_cannot_be_read_is_refused_in_one_sentence(
+    file: str, said: str, refusal: Refusal, tmp_path: pathlib.Path
 ) -> None:
-    path = tmp_path / 'rcs.yaml'
-    path.write_text('/**:\n  ros__parameters:\n    port: [1\n', encoding='utf-8')
-    assert str(path) in refusal('--params-file', str(path))
+    path = tmp_path / file
+    (tmp_path / 'broken.yaml').write_text('/**:\n  ros__parameters:\n    port: [1\n')
+    (line,) = refusal('--params-file', str(path)).splitlines()
+    assert line.startswith(f'rcs: {path}{said}')
 
 
 @pytest.mark.parametrize(
@@ -171,7 +176,7 @@ def test_a_parameter_file_that_only_ros_could_read_is_named_in_a_sentence(
 ) -> None:
     path = tmp_path / 'rcs.yaml'
     path.write_bytes(content)
-    found = [*ignored(['--params-file', str(path)], '/rcs', alone=True)]
+    found = [*unreadable(['--params-file', str(path)])]
     assert [each.startswith(f'{path}{line}: ') for each in found] == [True] * (line is not None)
 
 

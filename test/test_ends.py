@@ -94,7 +94,7 @@ class Hanging(StrictNode):
             hang()
         super().destroy_node()
 
-sys.exit(process.run_node('hanging', Hanging, ()))
+sys.exit(process.run_node('hanging', Hanging))
 """
 
 

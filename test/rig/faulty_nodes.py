@@ -109,4 +109,4 @@ def program_of(node: type, folder: pathlib.Path) -> str:
 
 def run(node: Any) -> int:
     """Run a node as its own program does."""
-    return run_node(node.__name__, node, ())
+    return run_node(node.__name__, node)

@@ -194,8 +194,7 @@ def refuse_karts_network(address: str, race: Snapshot) -> None:
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM and return the exit code of `run_node`."""
     os.nice(5)  # programs that command or serve karts run first
-    refusals, obstacles = (ParameterError, PlaceError), (InTheWayError,)
-    return run_node('board', BoardNode, refusals, args, obstacles)
+    return run_node('board', BoardNode, args, refusals=(PlaceError,), obstacles=(InTheWayError,))
 
 
 if __name__ == '__main__':

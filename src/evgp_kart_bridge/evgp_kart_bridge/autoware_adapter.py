@@ -17,7 +17,7 @@ from typing import Any
 
 from autoware_adapi_v1_msgs.msg import ManualOperatorHeartbeat, MotionState, OperationModeState
 from evgp_kart_bridge.watch import RaceStateWatch
-from evgp_node.parameters import ParameterError, StrictNode
+from evgp_node.parameters import StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
 from evgp_node.stamps import stamp
@@ -157,7 +157,7 @@ class AutowareAdapter(StrictNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the adapter until SIGINT or SIGTERM."""
-    return run_node('autoware_adapter', AutowareAdapter, (ParameterError,), args)
+    return run_node('autoware_adapter', AutowareAdapter, args)
 
 
 if __name__ == '__main__':

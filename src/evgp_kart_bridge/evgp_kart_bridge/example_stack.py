@@ -173,7 +173,7 @@ class ExampleStack(StrictNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the stack until SIGINT or SIGTERM."""
-    return run_node('example_stack', ExampleStack, (ParameterError,), args)
+    return run_node('example_stack', ExampleStack, args)
 
 
 if __name__ == '__main__':

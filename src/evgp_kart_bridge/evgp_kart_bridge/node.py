@@ -641,7 +641,7 @@ def main(args: list[str] | None = None) -> int:
     :return: 0 after an orderly end, 1 after a failure (the last state is RED_RED then, too), 2 if
         a setting is wrong.
     """
-    return run_node('kart_bridge', KartBridge, (ParameterError,), args)
+    return run_node('kart_bridge', KartBridge, args)
 
 
 if __name__ == '__main__':

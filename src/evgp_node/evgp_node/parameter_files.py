@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Finds duplicate keys and other nodes' sections in parameter files.
+Finds what is wrong in parameter files: broken YAML, duplicate keys and other nodes' sections.
 
-ROS silently ignores both, so a setting there would have no effect, and no message would say so.
-Files that this module cannot read are faults too, even if ROS could.
+ROS reports the first in its own terms, and silently ignores the others, so a setting there would
+have no effect. Files that this module cannot read are faults too, even if ROS could.
 """
 
 from __future__ import annotations
@@ -18,25 +18,30 @@ import re
 import yaml
 
 
+def unreadable(arguments: Sequence[str]) -> Iterator[str]:
+    """Yield a sentence for each parameter file on a command line that cannot be read."""
+    for path in _files(arguments):
+        try:
+            _tree(path)
+        except OSError as error:
+            yield f'{path}: cannot be read ({error.strerror}). Name a readable file'
+        except (yaml.YAMLError, ValueError) as error:  # the parser of ROS accepts more
+            mark = getattr(error, 'problem_mark', None)
+            where, what = f':{mark.line + 1}' if mark else '', getattr(error, 'problem', error)
+            yield f'{path}{where}: {what}. Write one document in UTF-8, with spaces and no tabs'
+
+
 def ignored(arguments: Sequence[str], node: str, alone: bool) -> Iterator[str]:
     """
     Yield a sentence, with file and line, for everything that ROS ignores in parameter files.
 
-    :param arguments: the command line, which names the files.
+    :param arguments: the command line, which names files that can be read.
     :param node: name of the node, with its namespace, such as /rcs.
     :param alone: whether the files are for this node only, so that they must not have sections for
         other nodes.
     """
-    for before, path in itertools.pairwise(arguments):
-        if before != '--params-file':
-            continue
-        try:
-            root = yaml.compose(pathlib.Path(path).read_text(encoding='utf-8'), yaml.SafeLoader)
-        except (yaml.YAMLError, UnicodeDecodeError) as error:  # the parser of ROS accepts more
-            mark = getattr(error, 'problem_mark', None)
-            where, what = f':{mark.line + 1}' if mark else '', getattr(error, 'problem', error)
-            yield f'{path}{where}: {what}. Write one document in UTF-8, with spaces and no tabs'
-            continue
+    for path in _files(arguments):
+        root = _tree(path)
         for key, first in _twice(root):
             line = first.start_mark.line + 1
             yield _said(path, key, f'{key.value!r} is already in line {line}. Write it once')
@@ -45,6 +50,15 @@ def ignored(arguments: Sequence[str], node: str, alone: bool) -> Iterator[str]:
         if alone or len(others) == len(sections):
             for name, key in others:
                 yield _said(path, key, f'{name!r} is for another node. Write /**: or {node}:')
+
+
+def _files(arguments: Sequence[str]) -> list[str]:
+    pairs = itertools.pairwise(arguments)
+    return [path for before, path in pairs if before == '--params-file']
+
+
+def _tree(path: str) -> yaml.Node | None:
+    return yaml.compose(pathlib.Path(path).read_text(encoding='utf-8'), yaml.SafeLoader)
 
 
 def _said(path: str, key: yaml.Node, what: str) -> str:

@@ -21,7 +21,8 @@ import traceback
 from evgp_node.deadline import end_within
 from evgp_node.graph import bind_graph, GraphError, NotNowError
 from evgp_node.output import unwaiting_output
-from evgp_node.parameters import StrictNode
+from evgp_node.parameter_files import unreadable
+from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_node.restarting import ENDING, IN_THE_WAY, WRONG_SETTING
 from evgp_node.spinning import Spinning
@@ -57,8 +58,8 @@ OnFailure = Callable[[BaseException], None]
 def run_node(
     name: str,
     make_node: Callable[[OnFailure], StrictNode],
-    refusals: tuple[type[Exception], ...],
     args: list[str] | None = None,
+    refusals: tuple[type[Exception], ...] = (),
     obstacles: tuple[type[Exception], ...] = (),
     always_here: bool = False,
 ) -> int:
@@ -71,9 +72,9 @@ def run_node(
     :param name: name of the program, with which each error message on stderr begins.
     :param make_node: a function that creates the node. Its argument is a function for the node to
         call, in any thread, when it cannot go on.
-    :param refusals: exceptions that mean that a setting is wrong; `make_node` raises them, or the
-        node reports them later.
     :param args: command-line arguments; None for those of this process.
+    :param refusals: exceptions that mean, like `ParameterError`, that a setting is wrong;
+        `make_node` raises them, or the node reports them later.
     :param obstacles: exceptions that `make_node` raises if something is in the way for now.
     :param always_here: as for ``graph.bind_graph``.
     :return: 0 after an orderly end, 1 if the node could not go on (a traceback on stderr says
@@ -91,7 +92,7 @@ def run_node(
     signal.signal(signal.SIGTSTP, signal.SIG_IGN)
     with unwaiting_output():
         code, take_down = _run(
-            name, make_node, refusals, args, obstacles, always_here, ending, end
+            name, make_node, args, refusals, obstacles, always_here, ending, end
         )
     end_within(TEARDOWN_TIMEOUT, code)
     # Python removes its handlers before the process ends; a signal could then change its code.
@@ -134,8 +135,8 @@ def wait_until_heard(*publishers: Publisher) -> None:
 def _run(
     name: str,
     make_node: Callable[[OnFailure], StrictNode],
-    refusals: tuple[type[Exception], ...],
     args: list[str] | None,
+    refusals: tuple[type[Exception], ...],
     obstacles: tuple[type[Exception], ...],
     always_here: bool,
     ending: socket.socket,
@@ -150,12 +151,14 @@ def _run(
 
     program, *given = sys.argv if args is None else args
     try:
+        for fault in unreadable(given):
+            raise ParameterError(fault)
         join_graph(program, given, always_here=always_here)
         node = make_node(fail)
     except (NotNowError, *obstacles) as error:
         print(f'{name}: {error}', file=sys.stderr)
         return IN_THE_WAY, rclpy.try_shutdown
-    except (UnknownROSArgsError, RCLError, GraphError, *refusals) as error:
+    except (UnknownROSArgsError, RCLError, GraphError, ParameterError, *refusals) as error:
         unknown = 'unknown ROS arguments: ' if isinstance(error, UnknownROSArgsError) else ''
         print(f'{name}: {unknown}{error}', file=sys.stderr)
         return WRONG_SETTING, rclpy.try_shutdown

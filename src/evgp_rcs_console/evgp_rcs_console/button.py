@@ -197,7 +197,7 @@ def main(args: list[str] | None = None) -> int:
     given = sys.argv if args is None else args
     if given[1:2] == ['test']:
         return show(given[2:])
-    return run_node('rcs_button', StopButton, (ParameterError,), given)
+    return run_node('rcs_button', StopButton, given)
 
 
 if __name__ == '__main__':

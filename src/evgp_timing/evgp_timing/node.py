@@ -266,7 +266,7 @@ def read_settings(node: StrictNode) -> TimingSettings:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM and return the exit code of `run_node`."""
-    return run_node('timing_source', TimingSource, (ParameterError,), args)
+    return run_node('timing_source', TimingSource, args)
 
 
 if __name__ == '__main__':

@@ -438,8 +438,8 @@ def read_settings(node: StrictNode) -> Settings:
 
 def main(args: list[str] | None = None) -> int:
     """Run the timekeeper until SIGINT or SIGTERM and return the exit code of `run_node`."""
-    refusals = (ParameterError, RosterError)
-    return run_node('timekeeper', Timekeeper, refusals, args, obstacles=(BookError,))
+    refusals, obstacles = (RosterError,), (BookError,)
+    return run_node('timekeeper', Timekeeper, args, refusals, obstacles)
 
 
 if __name__ == '__main__':

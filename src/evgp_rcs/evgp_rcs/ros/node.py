@@ -33,14 +33,13 @@ from typing import Any
 
 from evgp_node.graph import (
     EVERY,
-    GraphError,
     Inbox,
     refuse_open_graph,
     trouble_of_graph,
     where_reachable,
 )
 from evgp_node.official import heard, tidy
-from evgp_node.parameters import ParameterError, StrictNode
+from evgp_node.parameters import StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.rclpy_private import RCLError
 from evgp_node.roster import RosterError
@@ -461,9 +460,8 @@ def main(args: list[str] | None = None) -> int:
     """
     # Do this first, so that the kart server and ROS's threads inherit the priority.
     priority.come_before_others()
-    refusals = (ParameterError, GraphError, RosterError)
     obstacles = (RivalError, AddressTakenError, KartServerError)
-    return run_node('rcs', RcsNode, refusals, args, obstacles=obstacles, always_here=True)
+    return run_node('rcs', RcsNode, args, (RosterError,), obstacles, always_here=True)
 
 
 if __name__ == '__main__':
