@@ -341,8 +341,9 @@ class Desk:
             return Answer(False, f'this event has no race {asked.race}')
         if race is None or not race.started:
             return Answer(False, 'no race has been started')
-        why_not = self._refusal(asked, race.laps)
-        return Answer(not why_not, why_not or self._put_in_force(asked, race, given.at))
+        if why_not := self._refusal(asked, race.laps):
+            return Answer(False, why_not)
+        return self._put_in_force(asked, race, given.at)
 
     def _give(self, asked: Correction) -> Answer:
         name, kart = asked.transponder, asked.kart
@@ -386,34 +387,36 @@ class Desk:
             return 'that race had no heat, or none of its laps counted'
         return ''
 
-    def _put_in_force(self, asked: Correction, race: Race, now: float) -> str:
-        laps, kart = race.laps, asked.kart
-        race.published = ()  # the published results are out of date
+    def _put_in_force(self, asked: Correction, race: Race, now: float) -> Answer:
+        laps, kart, published = race.laps, asked.kart, ()  # those published are out of date
         match asked.act:
             case Act.COUNT:
                 seen = self._count(race, kart, now)
-                too_many = 'not accepted: too many passings are arriving'
-                return f'kart {kart} crossed the line: {seen.mark.value if seen else too_many}'
+                if seen is None:
+                    return Answer(False, 'too many passings are arriving')
+                text = f'kart {kart} crossed the line: {seen.mark.value}'
             case Act.STRIKE:
                 race.laps = laps.strike(asked.passing, f'{asked.reason} ({asked.official})')
-                return f'passing {asked.passing} is struck out'
+                text = f'passing {asked.passing} is struck out'
             case Act.RESTORE:
                 race.laps = laps.restore(asked.passing)
-                return f'passing {asked.passing} is restored, and counts if the rules allow it'
+                text = f'passing {asked.passing} is restored, and counts if the rules allow it'
             case Act.PENALISE:
                 terms = kart, asked.seconds, asked.laps, asked.disqualified
                 penalty = Penalty(*terms, asked.reason, asked.official)
                 race.laps = laps.penalise(penalty)
-                return f'kart {kart}: {penalty}'
+                text = f'kart {kart}: {penalty}'
             case Act.UNDO_PENALTY:
                 race.laps = laps.undo_penalty(kart)
-                return f'the last penalty of kart {kart} is undone'
+                text = f'the last penalty of kart {kart} is undone'
             case Act.PUBLISH:
-                race.published = laps.results
-                return f'the results of race {self.races.index(race) + 1} are published'
+                published = laps.results
+                text = f'the results of race {self.races.index(race) + 1} are published'
             case _:
                 self._chosen[race.heat] = race
-                return f'race {self.races.index(race) + 1} now counts as {race.heat}'
+                text = f'race {self.races.index(race) + 1} now counts as {race.heat}'
+        race.published = published
+        return Answer(True, text)
 
     # ----- results ------------------------------------------------------------------------
 

@@ -123,6 +123,7 @@ class Laps:
     :param clocks: sources whose clocks disagreed with the arrival times.
     :param over: number of surplus passings, by source.
     :param anchors: the crossing by which the clock of each source and session is set.
+    :param arrivals: when each source's accepted passings arrived, in seconds since GREEN_GREEN.
     """
 
     settings: LapSettings
@@ -141,6 +142,7 @@ class Laps:
     clocks: frozenset[str] = frozenset()
     over: Mapping[str, int] = field(default_factory=dict)
     anchors: Mapping[tuple[str, str], Crossing] = field(default_factory=dict)
+    arrivals: Mapping[str, list[float]] = field(default_factory=dict)
     grid: tuple[int, ...] = ()
 
     # ----- changes ------------------------------------------------------------------------
@@ -159,9 +161,7 @@ class Laps:
         came = now - self.green
         crossings: list[Crossing] = []
         over, anchors, clocks = dict(self.over), dict(self.anchors), set(self.clocks)
-        arrivals: dict[str, list[float]] = {}  # by source
-        for each in self.crossings:
-            arrivals.setdefault(each.passing.source, []).append(each.came)
+        arrivals = {source: [*times] for source, times in self.arrivals.items()}
         if dropped:
             over[ALL_SOURCES] = over.get(ALL_SOURCES, 0) + dropped
         for passing in passings:
@@ -197,7 +197,9 @@ class Laps:
                 if came <= self.ended:
                     clocks.add(source)
             crossings.append(crossing)
-        laps = dataclasses.replace(self, over=over, anchors=anchors, clocks=frozenset(clocks))
+        laps = dataclasses.replace(
+            self, over=over, anchors=anchors, clocks=frozenset(clocks), arrivals=arrivals
+        )
         laps, taken = laps._judge(crossings)
         for place, each in enumerate(taken):
             laps, taken[place] = laps._pair(each)
@@ -412,12 +414,12 @@ class Laps:
 
         An official's passing that claims a crossing is not among them, but the crossing is.
         """
-        last = []
-        for passing, _, at, kart, mark in self.crossings:
-            why = self.struck.get(passing.identity, '')
-            if why or not self._claims_now(passing.identity):
-                last.append(Judged(passing, kart, mark, at, why))
-        return last[-most:]
+        listed = (
+            Judged(each.passing, each.kart, each.mark, each.at, self.struck.get(identity, ''))
+            for each in reversed(self.crossings)
+            if (identity := each.passing.identity) in self.struck or not self._claims_now(identity)
+        )
+        return [*itertools.islice(listed, most)][::-1]
 
     def result(self, kart: int) -> KartResult:
         """Return the result of a kart that started, without its place."""

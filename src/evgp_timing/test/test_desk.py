@@ -11,6 +11,7 @@ from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Mar
 from evgp_node.roster import Format, Heat
 from evgp_timing.desk import Answer, Desk, Finish, Input, Missed, Passed, Roster, Terms, Told, What
 from evgp_timing.laps import LapSettings
+from evgp_timing.passings import MAX_RATE
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -334,6 +335,18 @@ def test_officials_who_count_by_hand_have_no_clock_that_could_jump(event: Event)
         assert event.correct(Act.COUNT, 1)
     assert event.desk.standings().karts[0].lap_times == pytest.approx((20.0, 20.0))
     assert event.desk.questions(event.now) == []
+
+
+def test_an_officials_passing_beyond_the_limit_is_refused_and_withdraws_no_results(
+    event: Event,
+) -> None:
+    event.start('Heat 1', 1, 2)
+    event.lap(2, 2)
+    event.tell(What.OVER)
+    assert all(event.correct(Act.COUNT, 1) for _ in range(MAX_RATE))
+    assert event.correct(Act.PUBLISH)
+    assert not event.correct(Act.COUNT, 1)
+    assert event.desk.standings().published
 
 
 def test_a_clock_that_is_set_back_between_two_races_costs_the_first_passing_alone(
