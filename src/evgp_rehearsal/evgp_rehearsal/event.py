@@ -419,16 +419,16 @@ class Rehearsal(Part):
             self._again = self._starter.submit(again)
 
     def _cue(self) -> None:
-        """Begin the script's incidents that are due."""
+        """Begin the script's first incident that is due and can begin."""
         self._first.setdefault(self.state, self.field.tick)
         for cue in self.cues:
             since = self._first.get(INCIDENTS[cue.incident].state)
             if since is None or (self.field.tick - since) * TICK_LENGTH < cue.at:
                 continue
-            with contextlib.suppress(RefusedError):  # the incident begins as soon as it can
+            with contextlib.suppress(RefusedError):  # it begins as soon as it can
                 self.inject(cue.incident, cue.kart)
                 self.cues.remove(cue)
-            return
+                return
 
     def _end_incident(self) -> None:
         if self.present is not None:
