@@ -46,8 +46,6 @@ DANGERS = {
 }
 """Alerts that pages show instead of the state, because race control is then unreliable."""
 
-FORMATS = {each: each.value.replace('_', ' ') for each in Format}
-
 NO_STANDINGS = Standings()
 NO_RESULT = KartResult(0, 0, Status.RUNNING, 0, None, (), ())
 
@@ -107,8 +105,6 @@ def board(heard: Heard) -> Shown:
             }
         )
     heats, heat = [*race.heats], race.heat_in_race
-    kind, laps = results.format, results.laps
-    about = f'{FORMATS[kind].capitalize()}{f" to {laps} laps" if laps else ""}'
     done = sum(kart.place > 0 for kart in karts.values())
     following = heats.index(heat) + 1 if heat else len(heats)
     sub = [f'{done} of {len(karts)} finished'] if done else []
@@ -118,7 +114,7 @@ def board(heard: Heard) -> Shown:
         sub.append('official results' if results.published else 'provisional')
     return {
         **_frame(heard),
-        'title': ' · '.join(filter(None, [heat.name if heat else '', about])) or 'EVGP race',
+        'title': ' · '.join(filter(None, [heat.name if heat else '', results.about.capitalize()])),
         'sub': ' · '.join(
             [*sub, *(f'next: {each.name}, {_karts(each.karts)}' for each in heats[following:][:1])]
         ),
@@ -131,8 +127,6 @@ def results(heard: Heard) -> Shown:
     """Return the content of ``/results``: the results of the race that was started last."""
     results, race = heard.results, heard.race or NOTHING
     teams = {each.number: each.team for each in race.karts}
-    laps = f'{results.laps} laps' if results.laps else ''
-    title = [results.heat, FORMATS[results.format], laps]
     sub = 'Provisional: they can change until the timekeeper publishes them'
     if results.published:
         sub = 'Official results'
@@ -140,7 +134,11 @@ def results(heard: Heard) -> Shown:
         sub += ' · the timekeeper is silent, so they may be out of date'
     return {
         **_frame(heard),
-        'title': ' · '.join(filter(None, title)) if results.karts else 'No results yet',
+        'title': (
+            ' · '.join(filter(None, [results.heat, results.about]))
+            if results.karts
+            else 'No results yet'
+        ),
         'sub': sub,
         'columns': ['Laps', 'Total', 'Best'],
         'rows': [

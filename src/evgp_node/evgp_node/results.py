@@ -236,6 +236,11 @@ class Standings(NamedTuple):
     questions: tuple[str, ...] = ()
     published: bool = False
 
+    @property
+    def about(self) -> str:
+        """Return the format and the number of laps, if any, such as ``time trial to 2 laps``."""
+        return f'{self.format}{f" to {self.laps} laps" if self.laps else ""}'
+
     def kart(self, number: int) -> KartResult | None:
         """Return the result of the kart with this number; None if it did not start."""
         return next((each for each in self.karts if each.kart == number), None)

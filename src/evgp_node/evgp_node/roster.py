@@ -90,6 +90,9 @@ class Format(enum.Enum):
     TIME_TRIAL = 'time_trial'
     PRACTICE = 'practice'
 
+    def __str__(self) -> str:
+        return self.value.replace('_', ' ')
+
 
 @dataclasses.dataclass(frozen=True)
 class Heat:

@@ -41,9 +41,8 @@ def _row(kart: KartResult, team: str) -> tuple[str, ...]:
 def title(results: Standings) -> str:
     if not (results.karts or results.overall):
         return 'No results yet'
-    laps = f'{results.laps} laps' * bool(results.laps)
-    said = results.heat or texts.RESULTS, results.format.value.replace('_', ' '), laps
-    return ', '.join(filter(None, (*said, 'published' * results.published)))
+    said = results.heat or texts.RESULTS, results.about, 'published' * results.published
+    return ', '.join(filter(None, said))
 
 
 def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]:
@@ -56,7 +55,7 @@ def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]
     if results.overall in ((), results.karts):
         return headed
     heading = [''] * len(_HEADINGS)
-    heading[2] = f'All heats, {results.format.value.replace("_", " ")}'
+    heading[2] = f'All heats, {results.format}'
     return [*headed, tuple(heading), *rows(results.overall)]
 
 

@@ -388,7 +388,8 @@ class Desk:
         return ''
 
     def _put_in_force(self, asked: Correction, race: Race, now: float) -> Answer:
-        laps, kart, published = race.laps, asked.kart, ()  # those published are out of date
+        laps, kart = race.laps, asked.kart
+        published: tuple[KartResult, ...] = ()  # those published before are out of date
         match asked.act:
             case Act.COUNT:
                 seen = self._count(race, kart, now)

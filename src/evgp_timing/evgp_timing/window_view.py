@@ -86,13 +86,10 @@ def about(results: Standings, state: str) -> str:
 
     :param state: the state of the race, and how long it has lasted.
     """
-    words = [
-        results.format.value.replace('_', ' ') + f' to {results.laps} laps' * bool(results.laps)
-    ]
     if not results.races:
         return state
-    words.append(f'run of {_hour(results.races[-1].stamp)}')
-    return ' · '.join(filter(None, [*words, state, 'results published' * results.published]))
+    words = [results.about, f'run of {_hour(results.races[-1].stamp)}', state]
+    return ' · '.join(filter(None, [*words, 'results published' * results.published]))
 
 
 def _hour(stamp: float) -> str:

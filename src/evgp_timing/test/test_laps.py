@@ -102,78 +102,34 @@ def owner(
     return passing.kart or transponders.get(passing.transponder, claimed)
 
 
-def judged(story: Story) -> list[tuple[float, Passing, Mark]]:
-    """Return when each passing came, on the clock of the race, which one, and its mark."""
-    return [(each.came, each.passing, each.mark) for each in story.laps.crossings]
-
-
 @given(stories())
-def test_every_passing_is_kept_as_it_came_and_has_one_mark(story: Story) -> None:
-    assert [each.passing for each in story.laps.crossings] == [each for _, each in story.told]
-    counted = [
-        owner(each, laps=story.laps) for _, each, mark in judged(story) if mark is Mark.COUNTED
-    ]
-    ends = story.laps.settings.first_crossing == 'ends'
-    assert {kart: len(times) for kart, times in story.laps.counted.items()} == {
-        kart: counted.count(kart) + ends for kart in KARTS
-    }
-
-
-@given(stories())
-def test_whoever_is_known_to_nobody_is_shown_as_such_and_no_kart_outside_the_race_counts(
-    story: Story,
-) -> None:
-    for at, passing, mark in judged(story):
-        known = owner(passing, laps=story.laps)
-        if known not in KARTS:
-            late = at > story.laps.ended
-            assert mark is (Mark.NOT_COUNTED if known or late else Mark.UNKNOWN)
-        else:
-            assert mark is not Mark.UNKNOWN
-
-
-@given(stories())
-def test_no_passing_counts_after_the_end_the_leaving_the_finish_or_the_last_lap(
-    story: Story,
-) -> None:
+def test_every_passing_is_kept_and_judged_by_the_rules_in_any_race(story: Story) -> None:
     laps = story.laps
-    for at, passing, mark in judged(story):
+    assert [each.passing for each in laps.crossings] == [each for _, each in story.told]
+    came: dict[int, list[float]] = {kart: [] for kart in KARTS}  # those that count
+    for at, passing, mark in ((each.came, each.passing, each.mark) for each in laps.crossings):
         kart = owner(passing, laps=laps)
-        ends = [laps.ended, laps.left.get(kart, at)]
-        if not (laps.wanted and passing.source == BY_HAND):  # those were missed, or struck out
-            ends.append(laps.finished.get(kart, at) + 0.5)
-        assert mark is not Mark.COUNTED or at <= min(ends)
-    if laps.wanted:
-        assert all(len(times) <= laps.wanted + 1 for times in laps.counted.values())
-
-
-@given(stories())
-def test_two_that_count_are_at_least_the_least_lap_time_apart_and_one_that_is_nearer_is_doubtful(
-    story: Story,
-) -> None:
-    for times in story.laps.counted.values():
-        assert all(b - a >= 5.0 for a, b in itertools.pairwise(times))
-    last: dict[int, float] = {}
-    for at, passing, mark in judged(story):
-        kart = owner(passing, laps=story.laps)
-        if mark is Mark.COUNTED:
-            last[kart] = at
+        if kart not in KARTS:
+            late = at > laps.ended
+            assert mark is (Mark.NOT_COUNTED if kart or late else Mark.UNKNOWN)
+        elif mark is Mark.COUNTED:
+            ends = [laps.ended, laps.left.get(kart, at)]
+            if not (laps.wanted and passing.source == BY_HAND):  # those were missed or struck out
+                ends.append(laps.finished.get(kart, at) + 0.5)
+            assert at <= min(ends)
+            came[kart].append(at)
         elif mark is Mark.DOUBTFUL:
             # Each of the two crossed at most a tolerance from when it came.
-            begun = last.get(kart, 0.0)
-            assert at - begun < 5.0 + 2 * 0.5
-
-
-@given(stories())
-def test_no_clock_makes_a_lap_that_the_times_of_arrival_do_not(story: Story) -> None:
-    came: dict[int, list[float]] = {kart: [] for kart in KARTS}
-    for at, passing, mark in judged(story):
-        if mark is Mark.COUNTED:
-            came[owner(passing, laps=story.laps)].append(at)
-    for kart, arrivals in came.items():
-        count = len(arrivals)
-        crossed = story.laps.counted[kart][-count:] if arrivals else ()
-        assert all(abs(a - b) <= 0.5 + 1e-6 for a, b in zip(arrivals, crossed, strict=True))
+            assert at - max(came[kart], default=0.0) < 5.0 + 2 * 0.5
+        else:
+            assert mark is Mark.NOT_COUNTED
+    for kart, times in laps.counted.items():
+        crossed = times[laps.settings.first_crossing == 'ends' :]
+        assert all(b - a >= 5.0 for a, b in itertools.pairwise(times))
+        assert len(times) <= laps.wanted + 1 or not laps.wanted
+        # No clock makes a lap that the times of arrival do not.
+        apart = (abs(a - b) for a, b in zip(came[kart], crossed, strict=True))
+        assert all(each <= 0.5 + 1e-6 for each in apart)
 
 
 @given(
@@ -241,10 +197,14 @@ def test_a_crossing_of_before_green_never_counts_late_as_it_arrives(
     assert not story.laps.counted.get(1)
 
 
-@given(stories(), st.data())
-def test_a_passing_that_is_struck_out_does_not_count_and_put_back_all_is_as_before(
-    story: Story, data: st.DataObject
+@given(stories(), st.data(), st.sampled_from(KARTS))
+def test_what_is_struck_out_does_not_count_and_all_that_is_undone_is_as_before(
+    story: Story, data: st.DataObject, kart: int
 ) -> None:
+    there_and_back = story.laps.undo_finish(kart).finish(kart, GREEN + story.now)
+    undone = there_and_back.undo_finish(kart)
+    before = story.laps.undo_finish(kart)
+    assert (undone.crossings, undone.counted) == (before.crossings, before.counted)
     if not story.told:
         return
     _, passing = data.draw(st.sampled_from(story.told))
@@ -273,14 +233,6 @@ def test_a_transponder_that_is_given_later_counts_as_if_the_kart_had_it_from_the
     marks, same = ([each.mark for each in laps.crossings] for laps in (early, late))
     assert (marks, early.counted) == (same, late.counted)
     assert 't9' not in late.trouble(GREEN)
-
-
-@given(stories(), st.sampled_from(KARTS))
-def test_a_finish_that_is_undone_at_once_changes_nothing(story: Story, kart: int) -> None:
-    there_and_back = story.laps.undo_finish(kart).finish(kart, GREEN + story.now)
-    undone = there_and_back.undo_finish(kart)
-    before = story.laps.undo_finish(kart)
-    assert (undone.crossings, undone.counted) == (before.crossings, before.counted)
 
 
 def test_an_official_counts_a_lap_that_lacks_after_the_finish_until_all_are_there() -> None:
@@ -532,9 +484,19 @@ def _is_better(one: KartResult, other: KartResult, format_: Format) -> bool:
 
 
 @given(stories(), PENALTIES)
-def test_a_penalty_makes_no_result_better_and_is_taken_back_whole(
+def test_the_end_says_who_did_not_finish_and_a_penalty_makes_no_result_better_and_goes_whole(
     story: Story, penalty: Penalty
 ) -> None:
+    laps = story.laps.end(GREEN + story.now)
+    for each in laps.results:
+        done = laps.is_done(each.kart) or each.kart in laps.finished
+        if not each.lap_times:
+            assert each.status is Status.NOT_CLASSIFIED
+        else:
+            assert each.status is (Status.CLASSIFIED if done else Status.DNF)
+    practice = dataclasses.replace(laps, heat=Heat('', format=Format.PRACTICE))
+    assert all(each.status is not Status.DNF for each in practice.results)
+
     before = {each.kart: each for each in story.laps.results}
     punished = story.laps.penalise(penalty)
     after = {each.kart: each for each in punished.results}
@@ -545,16 +507,3 @@ def test_a_penalty_makes_no_result_better_and_is_taken_back_whole(
     assert (after[1].status is Status.DISQUALIFIED) == penalty.disqualified
     assert not after[1].place or after[1].place >= before[1].place
     assert punished.undo_penalty(1).results == story.laps.results
-
-
-@given(stories())
-def test_who_did_not_finish_is_known_once_the_race_has_ended(story: Story) -> None:
-    laps = story.laps.end(GREEN + story.now)
-    for each in laps.results:
-        done = laps.is_done(each.kart) or each.kart in laps.finished
-        if not each.lap_times:
-            assert each.status is Status.NOT_CLASSIFIED
-        else:
-            assert each.status is (Status.CLASSIFIED if done else Status.DNF)
-    practice = dataclasses.replace(laps, heat=Heat('', format=Format.PRACTICE))
-    assert all(each.status is not Status.DNF for each in practice.results)
