@@ -21,7 +21,6 @@ import sys
 import time
 from typing import Any, cast
 
-from evgp_node.official import UNNAMED
 from evgp_node.qos import latched
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
@@ -34,14 +33,14 @@ from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
-from evgp_testing.process import freeze, Process
+from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl, Timekeeper
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges, WireKart
 from example_race import EVERYTHING, KART, RACE
 import pytest
 from recorded_races import PaperRace
-from rig.console import Console, SLOW
+from rig.console import Console
 from rig.desk import Desk
 from rig.needs import need_qt, need_screen
 from rig.screen import Screen
@@ -55,11 +54,8 @@ RED_RED = RaceState.RED_RED
 EACH_CHANGE = Acknowledges.EACH_CHANGE
 
 OpenConsole = Callable[..., Console]
-OpenBeside = Callable[..., tuple[Console, list[WireKart], Official]]
+OpenBeside = Callable[..., tuple[Console, list[WireKart]]]
 
-
-NAME = 'A & <b>M'
-"""Qt takes such letters for something else, unless it is told not to."""
 
 TEAMS = {1: 'Georgia Tech', 2: 'Purdue', 3: 'Michigan', 4: 'UC Berkeley', 5: 'Kennesaw State'}
 
@@ -80,12 +76,6 @@ def see_karts(console: Console, *numbers: int) -> None:
     """Return once the window shows these karts as connected."""
     for number in numbers:
         console.wait_for(f'kart_{number}', linked='true')
-
-
-def sender(official: Official, command: int) -> str:
-    """Return who sent a command, once it is told."""
-    told = official.wait_for_event(lambda event: event.command == command, 'the command')
-    return str(told.official)
 
 
 def assert_all_kill_is_in_reach(console: Console) -> None:
@@ -276,53 +266,6 @@ def test_every_stop_is_pressed_until_race_control_is_back(
     console.wait_for('status', text='✓ .*RED (RED|FLAG)')
 
 
-def test_stops_go_out_without_timing_as_with_it_and_the_letter_says_that_it_sends_nothing(
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-    connect_kart: ConnectKart,
-    open_console: OpenConsole,
-    parts: contextlib.ExitStack,
-    tmp_path: pathlib.Path,
-) -> None:
-    heats: dict[str, Any] = {'Final': {'karts': [1, 2, 3], 'laps': 2}}
-    control = start_race_control(in_race=(1, 2, 3), heats=heats)
-    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2, 3)]
-    official = join_official(control)
-    official.wait_for_connected(1, 2, 3)
-    console = open_console(control.domain)
-    official.command('set_heat', heat='Final')
-    official.bring_to(GREEN_GREEN)
-    console.wait_for('kart_3', text='driving')
-    console.wait_for('strip', text='no timing')
-    console.press('c', see='status', text='no timing, so the lap is unknown')
-    folder = tmp_path / f'domain_{control.domain}'
-    timekeeper = parts.enter_context(Timekeeper(folder, control.domain, {'min_lap_time': 1.0}))
-    console.wait_for('strip', text=r'\A(?!(.|\n)*no timing)')
-    console.wait_for('count_1')  # the timekeeper has heard of GREEN_GREEN
-    console.press('a', see='status', text='kart 1 crossed the line: counted')
-    # Each crossing is a lap after the last one: the letter was LAP, is LAP, and then FINISH.
-    for lap, button in ((1, 'kart_finish_1'), (2, 'kart_undo_finish_1')):
-        crosses = time.monotonic() + 1.2
-        official.wait_until_polled(lambda at=crosses: time.monotonic() > at, 'a lap')
-        console.press('a', see=button)
-        console.wait_for('kart_1', text=f'{lap}/2')
-    official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
-    freeze(timekeeper.pid)
-    console.press('b', see='status', text='LAP kart 2: no answer yet')
-    console.wait_for('strip', text='no timing')
-    console.press('c', see='status', text='no timing, so the lap is unknown')
-    assert karts[2].state is GREEN_GREEN
-
-    console.press('3', 'ctrl+e', see='kart_3', text='F[12]')
-    console.key('2', 'ctrl+f')
-    karts[1].wait_for_state(RED_FLAG)
-    console.key('space')
-
-    for kart in karts:
-        kart.wait_for_state(RED_RED)
-    console.wait_for('state', text='RED RED')
-
-
 # ----- pictures -----------------------------------------------------------------------------
 
 
@@ -472,7 +415,7 @@ def the_desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Desk, C
     """
     need_screen()
     folder = tmp_path_factory.mktemp('desk')
-    given = {'finish_delays': '[0.2, 0.1]', 'officials': f'[Anna Meier, {NAME}]'}
+    given = {'finish_delays': '[0.2, 0.1]'}
     with (
         Domain() as domain,
         RaceControl(folder, domain.number, (1, 2, 3), (), given) as control,
@@ -488,15 +431,11 @@ def open_beside(the_desk: tuple[Desk, Console], connect_kart: ConnectKart) -> Op
     """Return a function that begins a race at that window, with karts that it shows."""
     desk, console = the_desk
 
-    def open_(
-        *connected: int, in_race: tuple[int, ...] = ()
-    ) -> tuple[Console, list[WireKart], Official]:
+    def open_(*connected: int, in_race: tuple[int, ...] = ()) -> tuple[Console, list[WireKart]]:
         desk.clear(*(in_race or connected))
-        with desk.official.news:
-            desk.official.events.clear()
         karts = [connect_kart(desk.control, number, EACH_CHANGE) for number in connected]
         see_karts(console, *connected)
-        return console, karts, desk.official
+        return console, karts
 
     return open_
 
@@ -512,7 +451,7 @@ def raced(karts: Iterable[WireKart], times: int) -> None:
 
 
 def test_a_whole_race_by_clicks_and_one_by_keys_only(open_beside: OpenBeside) -> None:
-    console, karts, _ = open_beside(1, 2, in_race=(1,))
+    console, karts = open_beside(1, 2, in_race=(1,))
 
     console.wait_for('join_race_2', barred='false')
     console.press_on('join_race_2', see='leave_race_2')
@@ -551,80 +490,6 @@ def test_a_whole_race_by_clicks_and_one_by_keys_only(open_beside: OpenBeside) ->
     raced(karts, 2)
 
 
-def test_after_the_msr_one_question_releases_the_karts_that_were_made_safe(
-    open_beside: OpenBeside,
-) -> None:
-    console, karts, official = open_beside(1, 2)
-    official.bring_to(GREEN_GREEN)
-    karts[0].close()
-    console.wait_for('kart_1', linked='false')
-    console.ask('F9')
-    console.press('y', see='state', text='RED RED')
-    karts[1].wait_for_state(RED_RED)
-    console.wait_for('in_garage', barred='false')
-
-    console.ask('F6')
-    console.wait_for('yes_and_more', text='kart 1 made safe by hand')
-    console.press('ctrl+g', see='kart_1', text=r'\A(?!(.|\n)*RED RED)')
-
-    console.wait_for('state', text='IN GARAGE')
-    karts[1].wait_for_state(IN_GARAGE)
-    official.wait_for_kart(1, lambda kart: not kart.hold_reason, 'its release')
-
-
-def test_a_name_is_chosen_once_and_goes_with_every_command_also_of_the_next_window(
-    open_beside: OpenBeside, open_console: OpenConsole, tmp_path: pathlib.Path
-) -> None:
-    _, _, official = open_beside(in_race=(1,))
-    domain = official.context.get_domain_id()
-    console = open_console(domain)
-    console.wait_for('kart_1')
-    console.wait_for('official', text='Your name')
-    console.click('all_kill')
-    assert sender(official, msg.CommandAvailability.ALL_KILL).startswith(f'{UNNAMED} (')
-    console.press_on('official', see='official_2', text=f'^{NAME}$')
-    console.press_on('official_2', see='official', text=rf'\b{NAME}$')
-    console.wait_for('officials', visible=False)
-    console.press('F4', see='log', text=f'· {NAME}')
-    first = sender(official, msg.CommandAvailability.RED_FLAG)
-    kept = tmp_path / 'evgp_rcs' / 'official'
-    official.wait_until_polled(kept.exists, 'the name is kept')
-    assert kept.read_text() == f'{NAME}\n'
-    other = open_console(domain)
-    other.wait_for('official', text=NAME)
-    other.wait_for('kart_1')
-    other.key('1', 'ctrl+f')
-    second = sender(official, msg.CommandAvailability.KART_RED_FLAG)
-    assert first.startswith(f'{NAME} (')
-    assert second.startswith(f'{NAME} (')
-    assert first != second
-
-
-def test_a_window_that_is_killed_changes_nothing_and_the_next_one_stops_the_kart(
-    open_beside: OpenBeside, parts: contextlib.ExitStack, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    _, (kart,), official = open_beside(1)
-    domain = official.context.get_domain_id()
-    screen = parts.enter_context(Screen())
-    monkeypatch.setenv('DISPLAY', screen.display)
-    monkeypatch.setenv('QT_QPA_PLATFORM', 'xcb')
-    screen.expect_window()
-    window = parts.enter_context(Process('evgp_rcs_console', 'rcs_gui', domain))
-    screen.wait_for_window()
-    official.bring_to(GRID_ACTIVE)
-
-    window.kill()
-    again = parts.enter_context(Process('evgp_rcs_console', 'rcs_gui', domain))
-    screen.wait_for_window()
-    assert kart.state is GRID_ACTIVE
-    # Without a window manager the keys go to the window below the pointer.
-    screen.move(100, 100)
-    screen.key('space')
-
-    kart.wait_for_state(RED_RED)
-    assert again.close() == 0
-
-
 # ----- old keys and clicks ------------------------------------------------------------------
 
 
@@ -651,29 +516,8 @@ def held_up(console: Console, whole: bool = False) -> Iterator[None]:
         console.signal(signal.SIGCONT)
 
 
-def hold_down(console: Console, button: str) -> None:
-    """
-    Press the mouse on a button and keep it down.
-
-    A window that is held up, or has just changed, drops the press: then it is pressed again.
-    """
-    ends = time.monotonic() + PATIENCE
-    while time.monotonic() < ends:
-        console.screen.move(*console.place(button, barred='false'))
-        console.screen.press_button()
-        if console.becomes(button, SLOW, down=True):
-            return
-        console.screen.release_button()
-    raise AssertionError(f'{button} does not go down')
-
-
-def count_of(official: Official, command: int) -> int:
-    """Return how often a command was given, as far as heard."""
-    return sum(event.command == command for event in official.events)
-
-
 def test_what_was_pressed_while_the_window_hung_starts_no_race(open_beside: OpenBeside) -> None:
-    console, (kart,), _ = open_beside(1)
+    console, (kart,) = open_beside(1)
     console.ask('F2')
     console.press('y', see='green_green', barred='false')
     start = console.place('green_green')
@@ -700,56 +544,6 @@ def test_what_was_pressed_while_the_window_hung_starts_no_race(open_beside: Open
     console.ask('F3')
     console.press('y', see='state', text='GREEN GREEN')
     kart.wait_for_state(GREEN_GREEN)
-
-
-def test_a_button_let_go_too_late_does_nothing_and_a_double_click_neither_answers_nor_undoes(
-    open_beside: OpenBeside,
-) -> None:
-    console, _, official = open_beside(in_race=(1,))
-    hold_down(console, 'join_race_2')
-
-    with held_up(console):
-        console.screen.release_button()
-
-    console.wait_for('status', text='JOIN kart 2 WAS NOT SENT: pressed at ')
-    place = console.place('join_race_2', barred='false')
-
-    def click_twice() -> None:
-        console.screen.click(*place)
-        console.screen.click(*place)
-
-    console.until(click_twice, 'leave_race_2')
-    sender(official, msg.CommandAvailability.JOIN_RACE)
-    console.wait_for('leave_race_2')
-    console.press('2', 'ctrl+j', see='join_race_2')
-
-
-def test_a_stop_that_was_pressed_while_the_window_hung_acts(open_beside: OpenBeside) -> None:
-    console, karts, official = open_beside(1, 2, 3)
-    official.bring_to(GRID_ACTIVE)
-    red_red, all_kill = console.place('kart_red_red_1', barred='false'), console.place('all_kill')
-
-    with held_up(console):
-        console.screen.click(*red_red)
-    karts[0].wait_for_state(RED_RED)
-    with held_up(console):
-        console.key('2', 'ctrl+r')
-    karts[1].wait_for_state(RED_RED)
-    assert karts[2].state is GRID_ACTIVE
-    with held_up(console):
-        console.key('F4')
-    karts[2].wait_for_state(RED_FLAG)
-    with held_up(console):
-        console.screen.click(*all_kill)
-    karts[2].wait_for_state(RED_RED)
-    console.wait_for('kill_hint', text='SPACE BAR')  # accepted: not the one before once more
-    kills = count_of(official, msg.CommandAvailability.ALL_KILL)
-    with held_up(console):
-        console.key('space')
-    official.wait_until(
-        lambda: count_of(official, msg.CommandAvailability.ALL_KILL) > kills,
-        lambda: 'no ALL KILL by the space bar',
-    )
 
 
 # ----- nothing keeps a stop -----------------------------------------------------------------

@@ -71,10 +71,10 @@ def published(race: Race, now: float) -> Snapshot:
     return value_of(message_of(snapshot_of(race, now), msg.Race), Snapshot, spoken)
 
 
-def given(button: Button) -> Command:
-    """Return the command of a button as race control gets it."""
-    kinds = kinds_by_service()[CATALOGUE[button.command].service]
-    return _asked_for(kinds, request_message(button.gives))._replace(roster=READ)
+def received(given: Given) -> Command:
+    """Return a console's command as race control receives it."""
+    kinds = kinds_by_service()[CATALOGUE[given.command].service]
+    return _asked_for(kinds, request_message(given))._replace(roster=READ)
 
 
 class Question(NamedTuple):
@@ -217,7 +217,7 @@ def check(question: Question) -> None:
     race: Race = pickle.loads(pickled)  # noqa: S301 - from above
     before = {kart.number: (kart.sent, kart.hold) for kart in race.karts.values()}
 
-    outcome = race.command(given(button), now)
+    outcome = race.command(received(button.gives), now)
     assert outcome.answer is not None
     assert outcome.answer.success, outcome.answer.message
     after = {kart.number: (kart.sent, kart.hold) for kart in race.karts.values()}
@@ -240,9 +240,12 @@ def check(question: Question) -> None:
     said = '\n'.join(button.question.consequences)
     for number in NUMBERS:
         assert f'{number}' in said or button.kart or not at_once | later
+    for also in button.also:
+        answer = race.command(received(also), now).answer
+        assert answer.success, answer.message
 
 
-def test_a_question_says_which_karts_are_sent_what_and_which_stay_as_they_are(
+def test_a_question_says_what_each_kart_is_sent_and_what_it_also_offers_is_accepted(
     questions: list[Question],
 ) -> None:
     asked: dict[CommandKind, int] = dict.fromkeys(ASKING, 0)

@@ -783,7 +783,7 @@ def test_a_stop_is_sent_although_the_disk_is_full(lasting: RaceControl) -> None:
     assert done == ACCEPTED
 
 
-def test_a_request_that_ros_cannot_carry_is_said_not_to_be_sent_and_stops_still_are(
+def test_a_command_that_cannot_be_sent_is_said_not_to_be_sent_and_stops_still_are(
     lasting: RaceControl,
 ) -> None:
     hearing = Hearing()
@@ -794,6 +794,7 @@ def test_a_request_that_ros_cannot_carry_is_said_not_to_be_sent_and_stops_still_
         assert hearing.answer is not None
         assert 'was not sent' in hearing.answer[1].message
         client.give(Given(CommandKind.RED_FLAG, official='\udcff'))
+        client.give(Given(Act.COUNT, 1))  # without a timekeeper
         client.give(Given(CommandKind.ALL_KILL))
         hearing.wait_for(lambda: hearing.answer and hearing.answer[1].success, now() + PATIENCE)
         assert hearing.answer[0].command is CommandKind.ALL_KILL

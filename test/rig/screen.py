@@ -14,10 +14,6 @@ import subprocess
 
 from evgp_testing.part import Part
 
-# Of X11/X.h
-_SUBSTRUCTURE_NOTIFY = 1 << 19
-_MAP_NOTIFY = 19
-
 _MODIFIERS = {
     'ctrl': 'Control_L',
     'shift': 'Shift_L',
@@ -77,9 +73,6 @@ class Screen(Part):
         self._test.XTestFakeMotionEvent(self._open, -1, x, y, ctypes.c_ulong(0))
         self._x.XSync(self._open, 0)
 
-    def press_button(self) -> None:
-        self._button(1)
-
     def right_click(self, x: int, y: int) -> None:
         """Click there with the right mouse button."""
         self.move(x, y)
@@ -99,13 +92,10 @@ class Screen(Part):
             check=True,
         )
 
-    def release_button(self) -> None:
-        self._button(0)
-
     def click(self, x: int, y: int) -> None:
         self.move(x, y)
-        self.press_button()
-        self.release_button()
+        self._button(1)
+        self._button(0)
 
     def key(self, name: str) -> None:
         """Press and release a key by its X name, as 'space' or 'F2'; 'ctrl+r' with a modifier."""
@@ -117,18 +107,6 @@ class Screen(Part):
         for code in reversed(codes):
             self._test.XTestFakeKeyEvent(self._open, code, 0, ctypes.c_ulong(0))
         self._x.XSync(self._open, 0)
-
-    def expect_window(self) -> None:
-        """Begin to see windows that open; call it before one is to."""
-        self._x.XDefaultRootWindow.restype = ctypes.c_ulong
-        root = ctypes.c_ulong(self._x.XDefaultRootWindow(self._open))
-        self._x.XSelectInput(self._open, root, ctypes.c_long(_SUBSTRUCTURE_NOTIFY))
-        self._x.XSync(self._open, 0)
-
-    def wait_for_window(self) -> None:
-        event = (ctypes.c_long * 24)()  # XEvent
-        while ctypes.cast(event, ctypes.POINTER(ctypes.c_int))[0] != _MAP_NOTIFY:
-            self._x.XNextEvent(self._open, ctypes.byref(event))
 
     def close(self) -> None:
         self._x.XCloseDisplay(self._open)

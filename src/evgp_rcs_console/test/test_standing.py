@@ -184,6 +184,17 @@ def test_a_clock_of_race_control_that_is_set_makes_no_race_seem_later(step: floa
     assert began.hear(1110.0 + step, 1090.0 + step, 110.0) <= 90.0
 
 
+def test_what_one_answer_confirms_is_sent_one_after_another_as_one_press() -> None:
+    then = tuple(Given(CommandKind.KART_IN_GARAGE, kart, at=0.0) for kart in (1, 2))
+    sent = [Given(CommandKind.IN_GARAGE, official='Anna', then=then, at=5.0)]
+    while follows := sent[-1].followed_by():
+        sent.append(follows)
+
+    assert [(each.kart, each.official, each.at) for each in sent] == [
+        (kart, 'Anna', 5.0) for kart in (0, 1, 2)
+    ]
+
+
 def test_the_answer_to_an_older_press_leaves_the_newer_one_waiting() -> None:
     unanswered = Unanswered()
     older, newer = (Given(CommandKind.RACE_OVER, at=at) for at in (1.0, 2.0))

@@ -16,7 +16,8 @@ import tempfile
 import time
 from typing import Any
 
-from evgp_node.results import KartResult, Standings, Status
+from evgp_node.official import UNNAMED
+from evgp_node.results import Act, KartResult, Standings, Status
 from evgp_protocol import clock
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
@@ -45,9 +46,9 @@ from evgp_rcs_console import style, texts
 from evgp_rcs_console.alerts import Alarm, AlertsArea
 from evgp_rcs_console.commands import Given, LATE
 from evgp_rcs_console.display import Inbox, READ, SETTLED
-from evgp_rcs_console.freshness import AGAIN, AIM, InputClock, STALE
+from evgp_rcs_console.freshness import AGAIN, AIM, InputClock, SETTLE, STALE
 from evgp_rcs_console.gui import low_battery
-from evgp_rcs_console.input import FORWARD, LateInput, UNDO_AFTER
+from evgp_rcs_console.input import FORWARD, UNDO_AFTER
 from evgp_rcs_console.karts import chooses
 from evgp_rcs_console.keys import FORGOTTEN
 from evgp_rcs_console.settings import Signature
@@ -66,6 +67,9 @@ Sizes of the window, the first of which it is designed for.
 
 The last is the first on a desktop that enlarges all by 150 %.
 """
+HANG = 2.0
+"""How long a window hangs here, in seconds."""
+
 NAME = 'Hochschule für Technik und Wirtschaft 40'
 WHY = 'waiting for kart 17 (Technische Hochschule Ostwestfalen-Lippe): no GRID ACTIVE yet; '
 ASKING = [kind for kind in CommandKind if CATALOGUE[kind].asks]
@@ -102,12 +106,14 @@ class Console:
 
     now = 1000.0
 
-    def __init__(self, application: Any, width: int = 1366, height: int = 768) -> None:
+    def __init__(
+        self, application: Any, width: int = 1366, height: int = 768, name: str = 'Anna'
+    ) -> None:
         self.application = application
         self.sent: list[Given] = []
         self._race = RACE
         self.inbox = Inbox()
-        self.window = ConsoleWindow(self.inbox, self.sent.append, Signature('Anna', 1), 'here')
+        self.window = ConsoleWindow(self.inbox, self.sent.append, Signature(name, 1), 'here')
         self.window.resize(width, height)
         self.window.show()
         self.window.activateWindow()
@@ -182,6 +188,16 @@ class Console:
         QtTest.QTest.keyClick(self._handle, key.key(), key.keyboardModifiers())
         self.settle()
 
+    def hang(self) -> None:
+        """Let time pass in which the window does nothing: whatever comes next has waited."""
+        Console.now += HANG
+        self.inbox.on_race(self._race, self.now, False)
+
+    def go_on(self) -> None:
+        """Let the window work as usual until it has got over a hang."""
+        for _ in range(round(SETTLE * 1000 / LOOK) + 3):
+            self.settle(LOOK / 1000)
+
     def repeat(self, key: QtCore.Qt.Key) -> None:
         """Let a key that is held repeat."""
         none = QtCore.Qt.KeyboardModifier.NoModifier
@@ -238,8 +254,8 @@ def opened(
     monkeypatch.setattr(time, 'clock_gettime', lambda _: Console.now)
     windows: list[Console] = []
 
-    def open_(width: int = 1366, height: int = 768) -> Console:
-        windows.append(Console(application, width, height))
+    def open_(*given: Any) -> Console:
+        windows.append(Console(application, *given))
         return windows[-1]
 
     yield open_
@@ -1068,19 +1084,51 @@ def test_a_stop_that_is_no_longer_sent_is_an_alert_that_sounds_until_it_is_seen(
     assert console.commands == [KILL]
 
 
+def test_a_name_is_chosen_once_and_goes_with_every_command_also_of_the_next_window(
+    opened: Any, tmp_path: pathlib.Path
+) -> None:
+    name = 'A & <b>M'  # Qt takes such letters for something else, unless it is told not to
+    console = opened(*SIZES[0], '')
+    console.tell(race_of(2, officials=('Anna Meier', name)))
+    assert 'Your name' in console.text('official')
+    console.click('all_kill')
+    console.click('official')
+    console.click('official_2')
+    console.press('F4')
+    assert not console.find('officials').isVisible()
+    assert [given.official.partition(' (')[0] for given in console.sent] == [UNNAMED, name]
+    kept, ends = tmp_path / 'evgp_rcs' / 'official', time.monotonic() + 5
+    while not kept.exists() and time.monotonic() < ends:
+        console.settle()
+
+    for window in (console, opened(*SIZES[0], '')):
+        assert name in window.text('official').replace('&&', '&')
+
+
+def test_a_double_click_is_one_press(console: Console, monkeypatch: pytest.MonkeyPatch) -> None:
+    console.inbox.on_results(timing(2))
+    console.tell(race_of(2, heat='Final'))
+    console.look()
+    # As if the answer to the first click were there already.
+    monkeypatch.setattr(console.window.unanswered, 'add', lambda given: None)
+
+    console.click_at(console.place('count_1'), 'mouseDClick')
+
+    assert console.commands == [(Act.COUNT, 1)]
+
+
 def test_a_key_or_a_click_that_was_too_old_is_named_if_it_means_anything(
-    console: Console, monkeypatch: pytest.MonkeyPatch
+    console: Console,
 ) -> None:
     keys = QtCore.Qt.Key
     console.tell(race_of(2, RaceState.IN_GARAGE))
     console.press('F2')
-    age = LateInput.age
-    monkeypatch.setattr(LateInput, 'age', lambda self, event: STALE)
+    console.hang()
     console.click_at(console.place('yes'))
     assert 'YES WAS NOT SENT' in console.text('status')
-    monkeypatch.setattr(LateInput, 'age', age)
+    console.go_on()
     console.press('N')
-    monkeypatch.setattr(LateInput, 'age', lambda self, event: STALE)
+    console.hang()
     for key, told in ((keys.Key_F2, True), (keys.Key_Tab, True), (keys.Key_Shift, False)):
         console.window.bottom.say('')
         QtTest.QTest.keyClick(console.window.windowHandle(), key)
@@ -1088,10 +1136,40 @@ def test_a_key_or_a_click_that_was_too_old_is_named_if_it_means_anything(
 
         assert bool(console.text('status')) is told
         assert not console.commands
-    # Digits are not joined across another key, dropped or not; a stop acts, however old it is.
-    for between in ('Esc', 'Ctrl+G'):
-        console.press('1', between, '2', 'Ctrl+R')
-        assert console.commands == [(CommandKind.KART_RED_RED, 2)]
+    console.go_on()
+    console.look()
+    point = console.place('leave_race_1')
+    console.click_at(point, 'mousePress')
+    console.hang()
+    console.click_at(point, 'mouseRelease')
+    assert 'LEAVE kart 1 WAS NOT SENT' in console.text('status')
+    assert not console.commands
+
+
+STOP_ACTS = {
+    'kart_red_red_1': (CommandKind.KART_RED_RED, 1),
+    '2 Ctrl+R': (CommandKind.KART_RED_RED, 2),
+    '1 Esc 2 Ctrl+F': (CommandKind.KART_RED_FLAG, 2),  # digits are not joined across another key,
+    '1 Ctrl+G 2 Ctrl+R': (CommandKind.KART_RED_RED, 2),  # dropped or not
+    'red_flag': (CommandKind.RED_FLAG, 0),
+    'F4': (CommandKind.RED_FLAG, 0),
+    'all_kill': KILL,
+    'Space': KILL,
+}
+
+
+@pytest.mark.parametrize('act', STOP_ACTS)
+def test_a_stop_that_was_pressed_while_the_window_hung_acts(console: Console, act: str) -> None:
+    command, kart = STOP_ACTS[act]
+    console.tell(race_of(2))
+    console.look()
+    points = {name: console.place(name) for name in act.split() if name.islower()}
+    console.hang()
+    for name in act.split():
+        console.click_at(points[name]) if name in points else console.strike(name)
+    (given,) = console.sent
+    assert (given.command, given.kart) == (command, kart)
+    assert given.waited > STALE
 
 
 def test_a_stop_acts_while_a_question_is_open_and_what_changes_ends_the_question(
