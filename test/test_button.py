@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 import contextlib
 import errno
 import pathlib
@@ -22,7 +22,6 @@ import pytest
 from rig.stop_button import Ear, StopButton
 from test_security import in_graph
 
-Start = Callable[..., tuple[StopButton, Ear]]
 Manned = tuple[WireRace, StopButton, Ear]
 
 
@@ -49,17 +48,6 @@ def manned(the_race: Manned) -> Manned:
         race.official.events.clear()
     ear.wait_for_working()
     return the_race
-
-
-@pytest.fixture
-def start(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Start:
-    """Return a function that starts another stop button, and somebody who hears it."""
-
-    def start(domain: int) -> tuple[StopButton, Ear]:
-        ear = parts.enter_context(Ear(domain))
-        return parts.enter_context(StopButton(tmp_path, domain)), ear
-
-    return start
 
 
 def test_a_press_stops_every_kart(manned: Manned) -> None:
@@ -116,10 +104,11 @@ def test_a_button_whose_program_is_frozen_is_silent_and_its_press_counts_once_it
     race.karts[0].wait_for_state(RaceState.RED_RED)
 
 
-def test_a_press_is_repeated_until_race_control_has_accepted_it(
-    parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path, start: Start
+def test_a_press_is_repeated_until_it_is_accepted_and_an_end_in_order_is_told(
+    parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
 ) -> None:
-    button, ear = start(domain)
+    ear = parts.enter_context(Ear(domain))
+    button = parts.enter_context(StopButton(tmp_path, domain))
     assert ear.wait_for(lambda _: True).fault  # it finds nobody
     button.move(True)
     button.move(False)
@@ -128,19 +117,12 @@ def test_a_press_is_repeated_until_race_control_has_accepted_it(
     official = parts.enter_context(Official(domain))
     official.wait_for_event(lambda event: event.official.startswith('Anna ('), 'by Anna')
     ear.wait_for_working()
-
-
-def test_an_end_in_order_is_told_and_every_start_has_another_name(
-    parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path, start: Start
-) -> None:
-    button, ear = start(domain)
-    ear.wait_for(lambda _: True)
-    first = len(ear.heard)
+    working = len(ear.heard) - 1
     assert button.program.close() == 0
-    assert ear.wait_for(lambda each: each.fault != ear.heard[0].fault, first - 1).fault
+    ear.wait_for(lambda each: each.fault, working)
     button.close()
     parts.enter_context(StopButton(tmp_path, domain))
-    ear.wait_for(lambda each: each.id != ear.heard[0].id)
+    ear.wait_for(lambda each: each.id != ear.heard[0].id)  # every start has another one
 
 
 def test_race_control_allows_a_button_all_kill_and_no_other_command(

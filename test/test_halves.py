@@ -76,21 +76,6 @@ def wait_for_alert(official: Official, kind: int) -> msg.Race:
     )
 
 
-def wait_for_red_red_and_the_end(scene: WireRace) -> None:
-    """Return once race control has ended, and every kart has heard RED_RED last."""
-    for kart in scene.karts:
-        kart.wait_for_end()
-        assert kart.state is RED_RED
-    assert scene.control.wait() in (1, -signal.SIGKILL)
-    wait_until_ended(scene.control.kart_server_pid)
-
-
-def test_every_kart_hears_red_red_when_the_ros_half_hangs(scene: WireRace) -> None:
-    scene.bring_to(GREEN_GREEN)
-    scene.control.signal(signal.SIGSTOP)
-    wait_for_red_red_and_the_end(scene)  # the kart server wakes one that hangs when it ends
-
-
 def receiving_threads(pid: int, port: int) -> list[int]:
     """Return the threads by which Fast DDS receives in a process at a UDP port."""
     tasks = pathlib.Path(f'/proc/{pid}/task').iterdir()
@@ -146,7 +131,10 @@ def test_every_kart_hears_red_red_when_the_thread_that_takes_the_stops_hangs(
         race.official.timeout = 1.0
         with pytest.raises(AssertionError):
             race.official.call('red_flag')
-        wait_for_red_red_and_the_end(race)
+        race.karts[0].wait_for_end()
+        assert race.karts[0].state is RED_RED
+        assert race.control.wait() in (1, -signal.SIGKILL)
+        wait_until_ended(race.control.kart_server_pid)
 
 
 def test_a_ros_half_that_hangs_for_a_moment_costs_nothing(lasting: WireRace) -> None:
@@ -159,12 +147,6 @@ def test_a_ros_half_that_hangs_for_a_moment_costs_nothing(lasting: WireRace) -> 
     for kart in lasting.karts[:2]:
         kart.wait_for_state(RED_RED)
         assert [state for _, state in kart.changes][-2:] == [GREEN_GREEN, RED_RED]
-
-
-def test_a_kart_server_that_is_told_to_end_sends_red_red_first(scene: WireRace) -> None:
-    scene.bring_to(GREEN_GREEN)
-    os.kill(scene.control.kart_server_pid, signal.SIGTERM)
-    wait_for_red_red_and_the_end(scene)
 
 
 def test_a_kart_server_that_hangs_is_ended_and_officials_are_told_to_use_the_msr(

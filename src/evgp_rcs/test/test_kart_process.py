@@ -128,14 +128,20 @@ def connect(half: Half, begin: Begin) -> Iterator[Callable[[int], socket.socket]
 Connect = Callable[[int], socket.socket]
 
 
-def test_a_silence_of_the_ros_half_means_red_red_to_every_kart(
+def test_a_silence_of_the_ros_half_means_red_red_to_every_kart_and_wakes_it(
     half: Half, connect: Connect
 ) -> None:
     client = connect(2)
     read_until(client, IN_GARAGE)
-    half.say(Alive(False))
-    assert read_to_end(client).endswith(encode(RED_RED))
-    assert f'silent for {ROS_HALF_SILENCE:.0f}' in half.wait_for(Failed).text
+    woken = threading.Event()
+    before = signal.signal(signal.SIGCONT, lambda *_: woken.set())
+    try:
+        half.say(Alive(False))
+        assert read_to_end(client).endswith(encode(RED_RED))
+        assert f'silent for {ROS_HALF_SILENCE:.0f}' in half.wait_for(Failed).text
+        assert woken.wait(TIMEOUT)
+    finally:
+        signal.signal(signal.SIGCONT, before)
 
 
 def test_a_ros_half_that_reads_nothing_holds_nobody_up_and_loses_no_event(
@@ -182,13 +188,15 @@ def mark_of(begin: Begin) -> str:
     return path.read_text(encoding='ascii').strip()
 
 
-@pytest.mark.parametrize('in_order', [True, False])
-def test_record_and_mark_say_whether_the_end_was_in_order_and_the_ros_half_is_told_it_last(
-    half: Half, connect: Connect, begin: Begin, in_order: bool
+@pytest.mark.parametrize('end', [End(True), End(False), signal.SIGTERM], ids=str)
+def test_record_and_mark_say_whether_the_end_was_in_order_and_red_red_is_sent_last(
+    half: Half, connect: Connect, begin: Begin, end: End | signal.Signals
 ) -> None:
-    read_until(connect(1), IN_GARAGE)
+    client = connect(1)
+    read_until(client, IN_GARAGE)
     assert mark_of(begin) == RUN_BEGAN
-    half.say(End(in_order))
+    half.say(end) if isinstance(end, End) else half.process.send_signal(end)
+    assert read_to_end(client).endswith(encode(RED_RED))
     told: list[EventKind] = []
     while (message := half.hear()) is not None:
         if isinstance(message, Happened):
@@ -198,6 +206,7 @@ def test_record_and_mark_say_whether_the_end_was_in_order_and_the_ros_half_is_to
     assert [each.event.kind for each in events_of(begin.record)] == told
     with open_runs(begin.record) as runs:
         run = runs.choose(None)
+    in_order = end != End(False)
     assert (run.ended_ns is not None) is in_order
     assert (mark_of(begin) != RUN_BEGAN) is in_order
 
