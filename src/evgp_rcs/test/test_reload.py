@@ -234,7 +234,10 @@ def test_a_kart_that_is_in_no_roster_any_more_stays_held_and_is_not_let_in_again
     meeting.home()
 
     with_it = meeting.roster((1, 'A', '10.0.0.1'), SAME, (5, 'E', '10.0.0.5'))
-    assert not meeting.do('READ_ROSTER', roster=with_it).answer.success
+    answer = meeting.do('READ_ROSTER', roster=with_it).answer
+    assert not answer.success
+    assert 'kart 5 (no longer in the roster) is held' in answer.message
+    assert 'put no kart back that is no longer in it' in answer.message
     read = meeting.roster(SAME)
     assert meeting.do('READ_ROSTER', roster=read).answer.success
     number = meeting.race.reading

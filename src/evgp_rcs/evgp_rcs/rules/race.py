@@ -1437,7 +1437,10 @@ class Race:
             for kart in self.karts.values()
             if kart.bound and addresses.get(kart.number, '') != kart.address
         ]
-        keep = 'Until this changes, keep these numbers and addresses in the roster'
+        keep = (
+            'Until this changes, keep these numbers and addresses in the roster, and put no kart '
+            'back that is no longer in it'
+        )
         return f'{_cut(bound)}. {keep}' if bound else ''
 
     # ----- what the official saw ----------------------------------------------------------
