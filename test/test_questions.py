@@ -39,6 +39,7 @@ from evgp_rcs_console.questions import Effects
 from evgp_rcs_console.view import Button, Screen
 from evgp_rcs_msgs import msg
 import pytest
+from recorded_races import as_seen
 from rig.seed import dice_of
 
 WALKS = 60
@@ -149,25 +150,14 @@ class Walk:
 
         If it is accepted, the console sees its result in the race.
         """
-        one = CATALOGUE[kind].to_one_kart
-        offered = self.race.availability(kind, number, self.now)
+        kart = number if CATALOGUE[kind].to_one_kart else 0
         outcome = self.race.command(
-            Command(
-                kind,
-                number if one else 0,
-                True,
-                frozenset(offered.karts),
-                self.race.karts[number].hold,
-                opening=self.race.opening,
-                roster=READ,
-                reading=self.race.reading,
-            ),
-            self.now,
+            as_seen(self.race, kind, kart, self.now, roster=READ), self.now
         )
         self.race.saved(self.race.memory().gridded)
         assert outcome.answer is not None
         if outcome.answer.success:
-            pressed = Given(kind, number if one else 0)
+            pressed = Given(kind, kart)
             assert shows(snapshot_of(self.race, self.now), pressed), (kind, outcome.answer)
 
     def questions(self) -> Iterator[Question]:

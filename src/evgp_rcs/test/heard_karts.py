@@ -44,6 +44,18 @@ class Habit:
     garage: bool = False
     greets: bool = False
 
+    def says_back(self, state: RaceState, is_new: bool, last_word: RaceState | None) -> bool:
+        """
+        Return whether a kart says a state back that it reads.
+
+        :param is_new: it has not said this one back since the state changed.
+        """
+        if state is GARAGE and not self.garage:
+            return False
+        if self.says is Says.NEWS:
+            return state is not last_word
+        return is_new or self.says is Says.FRAMES
+
     def __str__(self) -> str:
         """Return it in a few words."""
         garage = 'with IN_GARAGE' if self.garage else 'without IN_GARAGE'
@@ -234,17 +246,11 @@ class _Told:
                 return
 
     def speak(self, state: RaceState, serial: int, now: float) -> None:
-        if state is GARAGE and not self.habit.garage:
-            return
         if state is not GARAGE and now - self.change_at < self.reader.acts_in:
             return
-        says = self.habit.says
-        if says is Says.CHANGES and self.said_change == serial:
-            return
-        if says is Says.NEWS and self.last_word is state:
-            return
-        self.said_change = serial
-        self.word(state, serial, now)
+        if self.habit.says_back(state, self.said_change != serial, self.last_word):
+            self.said_change = serial
+            self.word(state, serial, now)
 
     def word(self, state: RaceState, serial: int, now: float) -> None:
         self.last_word = state

@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.link_quality import NOT_MEASURED
+from evgp_rcs.rules.race import Attendance
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -88,7 +89,6 @@ LOOSENING = (
     'TAKE_ROSTER',
 )
 NAMING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE')
-TROUBLE = 'the disk is full'
 # The states in which somebody must be there who can stop the race.
 IN_MOTION = (GRID_ACTIVE, GREEN_GREEN)
 # What officials are told of a link, which changes nothing.
@@ -186,12 +186,12 @@ class KartView(NamedTuple):
     acknowledged: bool
     doubt: int
     place: int
-    finish_due: float | None
+    flag_at: float | None
     settles_at: float | None
     held_alone: bool
     contested: bool
     went_silent_at: float | None
-    lost_since: float | None
+    lost: bool
     inspected: str
 
     @property
@@ -201,11 +201,9 @@ class KartView(NamedTuple):
 
 class View(NamedTuple):
     """
-    What the oracle sees of the race: the first fields are attributes of the rules' race.
+    What the oracle sees of the race: attributes of the rules' race.
 
     :param strict: an inspection is required.
-    :param able: somebody is there who can stop the race.
-    :param fault: something is wrong with a button.
     """
 
     state: RaceState
@@ -219,11 +217,10 @@ class View(NamedTuple):
     starters: tuple[int, ...]
     paused_until: float
     opening: int
+    cut_off_by: str
+    record_fails: str
+    there: Attendance
     strict: bool
-    cut: bool
-    trouble: bool
-    able: bool
-    fault: bool
     karts: tuple[KartView, ...]
 
 
@@ -320,15 +317,12 @@ _KART = operator.attrgetter(*KartView._fields)
 # As KartView._make and View._make, in half the time.
 _kart_view: Callable[[Iterable[Any]], KartView] = functools.partial(tuple.__new__, KartView)
 _view: Callable[[Iterable[Any]], View] = functools.partial(tuple.__new__, View)
-_RACE = operator.attrgetter(*View._fields[:11], 'times.require_inspection')
+_RACE = operator.attrgetter(*View._fields[:-2], 'times.require_inspection')
 
 
 def look(race: Any) -> View:
     """Return what the oracle sees of a race."""
-    karts = tuple(map(_kart_view, map(_KART, race.karts.values())))
-    someone, fault = race.there.able > 0, bool(race.there.button_fault)
-    wrong = bool(race.cut_off_by), bool(race.record_fails)
-    return _view((*_RACE(race), *wrong, someone, fault, karts))
+    return _view((*_RACE(race), tuple(map(_kart_view, map(_KART, race.karts.values())))))
 
 
 def remember(view: View) -> Facts:
@@ -389,7 +383,7 @@ def _stands(kart: Any) -> bool:
 
 def _is_away(kart: Any) -> bool:
     """Return whether it is away, was not lost, and nothing but a stop of all can hold it."""
-    return not (kart.connected or kart.doubt or kart.held_alone) and kart.lost_since is None
+    return not (kart.connected or kart.doubt or kart.held_alone or kart.lost)
 
 
 def _is_covered(view: Any, kart: Any) -> bool:
@@ -424,7 +418,7 @@ def _red(kart: Any) -> bool:
 
 def _nobody(view: View, facts: Facts) -> bool:
     """Return whether nobody is there any more who could stop this race."""
-    return facts.met and not view.able
+    return facts.met and not view.there.able
 
 
 def is_abandoned(view: View, facts: Facts, given: Input, now: float, times: Any) -> bool:
@@ -437,7 +431,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     """Return what the table of docs/rules.md says of a command now."""
     if kind in STOPS:
         return Judgement(True, kind == 'RECORD_MSR')
-    if (view.has_rival or view.cut) and kind in LOOSENING:
+    if (view.has_rival or view.cut_off_by) and kind in LOOSENING:
         return Judgement(False)
     racing = [kart for kart in view.karts if kart.in_race]
     numbers = tuple(kart.number for kart in racing)
@@ -445,7 +439,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     if kind == 'GRID_ACTIVE':
         unfit = _uninspected(view, racing) or _unfit(view)
         in_time = state in (IN_GARAGE, GRID_ACTIVE) and bool(racing)
-        allowed = in_time and not unfit and not view.trouble
+        allowed = in_time and not unfit and not view.record_fails
         return Judgement(allowed, True, unfit * in_time, numbers)
     if kind == 'GREEN_GREEN':
         missing = tuple(
@@ -455,9 +449,9 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
         )
         missing = _unfit(view) or missing
         in_time = state is GRID_ACTIVE and facts.grid_last and bool(racing)
-        allowed = in_time and not missing and not view.trouble
-        allowed = allowed and facts.saved and not _nobody(view, facts)
-        return Judgement(allowed, False, missing * (in_time and not view.trouble), numbers)
+        in_time = in_time and not view.record_fails
+        allowed = in_time and not missing and facts.saved and not _nobody(view, facts)
+        return Judgement(allowed, False, missing * in_time, numbers)
     if kind == 'RACE_OVER':
         return Judgement(state is not IN_GARAGE)
     if kind == 'IN_GARAGE':
@@ -609,14 +603,14 @@ def _hear(kart: Any, given: Input, now: float, settle: float) -> None:
 def _stand(kart: Any, now: float) -> None:
     """Take a kart for harmless that has stood by its word for long enough."""
     if kart.settles_at is not None and now >= kart.settles_at:
-        kart.doubt, kart.settles_at, kart.lost_since = HARMLESS, None, None
+        kart.doubt, kart.settles_at, kart.lost = HARMLESS, None, False
 
 
-def _drop(race: Any, kart: Any, now: float) -> None:
+def _drop(race: Any, kart: Any) -> None:
     """Take the connection away from a kart that has one."""
     kart.connected, kart.acknowledged, kart.settles_at = False, False, None
     if kart.doubt or (kart.in_race and race.state is not IN_GARAGE):
-        kart.lost_since = now if kart.lost_since is None else kart.lost_since
+        kart.lost = True
     if kart.doubt == MOVING or (kart.in_race and race.state in UNDER_WAY):
         kart.hold = RED_RED
 
@@ -657,14 +651,14 @@ def expect(
 
     if what == 'connected':
         if mine.connected:
-            _drop(race, mine, now)
+            _drop(race, mine)
         mine.connected, mine.went_silent_at = True, None
         if mine.doubt != MOVING:
-            mine.lost_since = None
+            mine.lost = False
         resent = mine
     elif what == 'disconnected':
         if mine.connected:
-            _drop(race, mine, now)
+            _drop(race, mine)
             mine.went_silent_at = now if given.statement else None
     elif what == 'contested':
         mine.contested = given.statement
@@ -673,11 +667,11 @@ def expect(
     elif what == 'rival':
         race.has_rival = given.statement
     elif what == 'there':
-        race.able, race.fault = given.statement, kind == 'fault'
+        race.there = _attendance(given)
     elif what == 'record':
-        race.trouble = given.statement
+        race.record_fails = 'the disk is full' * given.statement
     elif what == 'cut off':
-        race.cut = given.statement
+        race.cut_off_by = 'no cable' * given.statement
     elif what == 'held up':
         pause(max(times.pause, times.pause_after_stall))
         for kart in karts:
@@ -686,8 +680,8 @@ def expect(
     elif what == 'tick':
         for kart in karts:
             _stand(kart, now)
-            if kart.finish_due is not None and now >= kart.finish_due:
-                kart.finish_due = None
+            if kart.flag_at is not None and now >= kart.flag_at:
+                kart.flag_at = None
                 hold(RED_FLAG, kart)
         _send(race, karts, None, now)
         if race.starters and _race_is_over(race.state, karts, now, times):
@@ -722,23 +716,23 @@ def expect(
         race.state, race.over, race.msr_used, race.starters = IN_GARAGE, False, False, ()
         race.past_unknown, race.unstated = False, view.unstated and not view.past_unknown
         for kart in karts:
-            kart.finish_due = None
+            kart.flag_at = None
             kept = kart.held_alone and not kart.in_race
             covered = _is_covered(view, kart)
             if (_stands(kart) and not kept) or _is_away(kart) or covered:
                 kart.hold, kart.held_alone = None, False
             if covered:
-                kart.lost_since = None
+                kart.lost = False
     elif kind == 'KART_FINISH':
         mine.place = 1 + max(kart.place for kart in karts)
-        mine.finish_due = now + times.finish_delays[: mine.place][-1]
+        mine.flag_at = now + times.finish_delays[: mine.place][-1]
     elif kind == 'KART_UNDO_FINISH':
-        gone, mine.place, mine.finish_due = mine.place, 0, None
+        gone, mine.place, mine.flag_at = mine.place, 0, None
         for kart in karts:
             kart.place -= kart.place > gone
     elif kind == 'KART_IN_GARAGE':
         mine.hold, mine.held_alone, mine.doubt = None, False, HARMLESS
-        mine.settles_at = mine.finish_due = mine.lost_since = None
+        mine.settles_at, mine.flag_at, mine.lost = None, None, False
         mine.in_race = mine.in_race and race.state is IN_GARAGE
     elif kind == 'JOIN_RACE':
         mine.in_race = True
@@ -768,7 +762,7 @@ def expect(
 def is_cut_off(view: View, given: Input, now: float) -> bool:
     """Return whether race control is cut off by this, or can only take itself for that."""
     if given.what != 'disconnected':
-        return given.what == 'cut off' and given.statement and not view.cut
+        return given.what == 'cut off' and given.statement and not view.cut_off_by
     if not given.statement or view.state is RED_RED:
         return False
     in_garage = view.state is IN_GARAGE
@@ -817,7 +811,7 @@ def _race_is_over(state: RaceState, karts: list[Any], now: float, times: Any) ->
     racing = [kart for kart in karts if kart.in_race]
     return bool(racing) and all(
         kart.place
-        and kart.finish_due is None
+        and kart.flag_at is None
         and ((kart.acknowledged and _red(kart)) or now >= kart.sent_since + times.finish_stop)
         for kart in racing
     )
@@ -827,7 +821,7 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
     """Return the alerts of docs/rules.md: which, and of which kart."""
     alerts = set()
     for kart, memory in zip(view.karts, facts.karts, strict=True):
-        if kart.lost_since is not None:
+        if kart.lost:
             if kart.moving:
                 alerts.add(('LOST_IN_MOTION', kart.number))
             elif not kart.connected:
@@ -847,9 +841,7 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
         if kart.sent is GREEN_GREEN and now >= kart.sent_since + times.green_alert:
             alerts.add(('GREEN_UNACKNOWLEDGED', kart.number))
         # A kart that was not lost in motion has the whole time from when it comes.
-        since = (
-            kart.sent_since if kart.lost_since is not None else max(kart.sent_since, memory.joined)
-        )
+        since = kart.sent_since if kart.lost else max(kart.sent_since, memory.joined)
         if kart.sent is RED_FLAG and now >= since + times.flag_alert:
             alerts.add(('FLAG_UNACKNOWLEDGED', kart.number))
         if kart.sent is RED_RED and now >= since + times.red_alert:
@@ -858,11 +850,11 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
         alerts.add(('TRACK_UNSAFE', 0))
     if view.has_rival:
         alerts.add(('TWO_RACE_CONTROLS', 0))
-    if view.trouble:
+    if view.record_fails:
         alerts.add(('RECORD_FAILING', 0))
     if view.state in IN_MOTION and _nobody(view, facts):
         alerts.add(('NOBODY_THERE', 0))
-    if view.fault:
+    if view.there.button_fault:
         alerts.add(('BUTTON_FAULT', 0))
     return alerts
 
@@ -879,8 +871,8 @@ def learn(before: View, facts: Facts, given: Input, after: View, now: float) -> 
     saved = saved or after.state is not GRID_ACTIVE
     if given.what == 'there':
         met = met or given.statement
-        left = now if before.able and not given.statement else left
-    met = before.able if gridded else met
+        left = now if before.there.able and not given.statement else left
+    met = bool(before.there.able) if gridded else met
     if given.kind == 'SET_HEAT' and heat is not None:
         heat = given.heat
     karts = []
@@ -922,6 +914,11 @@ def learn(before: View, facts: Facts, given: Input, after: View, now: float) -> 
 # ----- the properties ---------------------------------------------------------------------
 
 
+def _attendance(given: Input) -> Attendance:
+    fault = 'is gone' * (given.kind == 'fault')
+    return Attendance(int(given.statement), 'Anna (window)' * given.statement, fault)
+
+
 def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
     """Give an input to the rules, and return the outcome."""
     if given.what == 'command':
@@ -946,7 +943,7 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
     if given.what == 'disconnected':
         return race.disconnected(given.kart, 'end of file', now, given.statement)
     if given.what == 'cut off':
-        return race.cut_off('no cable' if given.statement else '', now)
+        return race.cut_off('no cable' * given.statement, now)
     if given.what == 'contested':
         return race.contested(given.kart, given.statement, now)
     if given.what == 'heard':
@@ -959,11 +956,9 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
     if given.what == 'rival':
         return race.rival(given.statement, now)
     if given.what == 'there':
-        fault = 'is gone' if given.kind == 'fault' else ''
-        some = int(given.statement), 'Anna (window)' * given.statement
-        return race.attended(rules.Attendance(*some, fault), now)
+        return race.attended(_attendance(given), now)
     if given.what == 'record':
-        return race.record_trouble(TROUBLE if given.statement else '', now)
+        return race.record_trouble('the disk is full' * given.statement, now)
     return race.tick(now)
 
 
@@ -978,30 +973,24 @@ def check_input(
     """
     what, kind, number = given.what, given.kind, given.kart
     if after.state is GREEN_GREEN and before.state is not GREEN_GREEN:
-        if not facts.grid_last:
-            raise RuleBrokenError('green-needs-grid', f'{facts} {before}')
-        if before.trouble:
-            raise RuleBrokenError('no-record', f'{before}')
-        if not facts.saved:
-            raise RuleBrokenError('start-first', f'{facts} {before}')
-        if not all(
-            memory.ready and kart.connected
-            for kart, memory in zip(before.karts, facts.karts, strict=True)
-            if kart.in_race
+        known = zip(before.karts, facts.karts, strict=True)
+        racing = [(kart, memory) for kart, memory in known if kart.in_race]
+        for name, is_broken in (
+            ('green-needs-grid', not facts.grid_last),
+            ('no-record', before.record_fails),
+            ('start-first', not facts.saved),
+            ('green-needs-acks', not all(m.ready and kart.connected for kart, m in racing)),
+            ('nobody-there', _nobody(before, facts)),
+            ('contested', any(kart.contested for kart, _ in racing)),
         ):
-            raise RuleBrokenError('green-needs-acks', f'{facts} {before}')
-        if _nobody(before, facts):
-            raise RuleBrokenError('nobody-there', f'{facts} {before}')
-        if any(kart.contested and kart.in_race for kart in before.karts):
-            raise RuleBrokenError('contested', f'{facts} {before}')
+            if is_broken:
+                raise RuleBrokenError(name, f'{facts} {before}')
     if is_cut_off(before, given, now) and not _is_unknown(after):
         raise RuleBrokenError('cut-off', f'{given}: {before} became {after}')
     abandoned = is_abandoned(before, facts, given, now, race.times)
     if abandoned and after.state in IN_MOTION:
         raise RuleBrokenError('nobody-there', f'{facts} {before} became {after}')
-    if what == 'there' and (
-        outcome.orders or after._replace(able=before.able, fault=before.fault) != before
-    ):
+    if what == 'there' and (outcome.orders or after._replace(there=before.there) != before):
         raise RuleBrokenError('there-acts', f'{given}: {before} became {after} with {outcome}')
     if what == 'command':
         answer = outcome.answer
@@ -1140,10 +1129,10 @@ def _check_safety(
                 raise RuleBrokenError('red-loosened', f'{given}: {old} became {kart}')
         if sent is GREEN_GREEN and was is not GREEN_GREEN and kind != 'GREEN_GREEN':
             raise RuleBrokenError('green-only-by-command', f'{given}: {old} became {kart}')
-        if old.finish_due is not None and kart.finish_due != old.finish_due:
-            sooner = kart.finish_due is not None and kart.finish_due < old.finish_due
-            flagged = what == 'tick' and kart.finish_due is None and _red(kart)
-            taken_back = kind == 'KART_UNDO_FINISH' and this and kart.finish_due is None
+        if old.flag_at is not None and kart.flag_at != old.flag_at:
+            sooner = kart.flag_at is not None and kart.flag_at < old.flag_at
+            flagged = what == 'tick' and kart.flag_at is None and _red(kart)
+            taken_back = kind == 'KART_UNDO_FINISH' and this and kart.flag_at is None
             released = kind == 'IN_GARAGE' or (kind == 'KART_IN_GARAGE' and this) or taken_back
             if not (sooner or flagged or released):
                 raise RuleBrokenError('finish-put-off', f'{given}: {old} became {kart}')
@@ -1162,7 +1151,7 @@ def _check_safety(
         held = kart.hold is RED_RED and sent is RED_RED
         if drops and not held and (old.moving or (old.in_race and before.state in UNDER_WAY)):
             raise RuleBrokenError('drop-not-held', f'{given} in {before.state}: {kart}')
-        if (before.has_rival or before.cut) and looser:
+        if (before.has_rival or before.cut_off_by) and looser:
             name = 'rival' if before.has_rival else 'cut-off'
             raise RuleBrokenError(name, f'{given}: {old} became {kart}')
         _check_doubt(after, old, given, ordered.get(kart.number), kart)
@@ -1284,25 +1273,19 @@ def check_recovery(
     lacking = look(rules.Race([rules.Kart(number) for number in gone], race.times))
     found = []
     for kart in (*fresh.karts, *lacking.karts):
-        wanted_kart = kart._replace(hold=RED_RED, sent=RED_RED, sent_since=now, serial=0)
         if old := remembered.get(kart.number):
             may_start = view.state is GRID_ACTIVE and old.in_race and old.doubt
             doubt = MOVING if may_start else old.doubt
-            wanted_kart = wanted_kart._replace(
-                doubt=doubt, held_alone=old.held_alone, lost_since=now if doubt else None
-            )
+            kart = kart._replace(doubt=doubt, held_alone=old.held_alone, lost=bool(doubt))
             if kart.number in roster:
-                wanted_kart = wanted_kart._replace(in_race=old.in_race, place=old.place)
-        found.append(wanted_kart)
-    wanted = fresh._replace(
-        state=RED_RED,
-        past_unknown=True,
-        track_open=True,
-        opening=1,
+                kart = kart._replace(in_race=old.in_race, place=old.place)
+        found.append(kart)
+    starters = tuple(number for number in view.starters * known if number in remembered)
+    known_now = fresh._replace(starters=starters, karts=tuple(found))
+    wanted = expect(known_now, Input('cut off', statement=True), now, race.times)._replace(
+        cut_off_by='',
         # What was sent to the last run is not taken.
         paused_until=now + max(race.times.pause, race.times.pause_after_stall),
-        starters=tuple(number for number in view.starters * known if number in remembered),
-        karts=tuple(found),
     )
     named = {event.kart for event in outcome.events}
     if outcome.orders or after != wanted or not named.issuperset(gone):
@@ -1342,7 +1325,7 @@ def _check_refusal(
     heats = race.heats if given.kind == 'SET_HEAT' and opinion.allowed and not known else ()
     if any(heat.name not in message for heat in heats):
         raise RuleBrokenError('refusal-silent', f'{message} does not name the heats')
-    if late or (given.kind in LOOSENING and (view.has_rival or view.cut)):
+    if late or (given.kind in LOOSENING and (view.has_rival or view.cut_off_by)):
         return
     if given.kind in KART_COMMANDS and 'the race is in' not in message:
         named = (given.kart,)
@@ -1614,11 +1597,11 @@ class Search:
             view.past_unknown,
             view.unstated,
             view.has_rival,
-            view.cut,
-            view.trouble,
+            view.cut_off_by,
+            view.record_fails,
             max(view.paused_until - now, 0.0),
             facts.saved and state is GRID_ACTIVE,
-            view.able,
+            view.there.able,
             missed and (max(facts.left + self.times.nobody_there - now, 0.0),),
             facts.heat,
         )
@@ -1640,8 +1623,8 @@ class Search:
         silent = (
             -1.0 if kart.went_silent_at is None else max(kart.went_silent_at + 2.0 - now, -1.0)
         )
-        if kart.finish_due is not None and ((timed and kart.place) or kart.hold is None):
-            due = max(kart.finish_due - now, 0.0)
+        if kart.flag_at is not None and ((timed and kart.place) or kart.hold is None):
+            due = max(kart.flag_at - now, 0.0)
         if finishing and red and kart.place:
             left = max(kart.sent_since + self.times.finish_stop - now, due, 0.0)
         key = (
@@ -1653,7 +1636,7 @@ class Search:
             kart.held_alone,
             kart.contested,
             silent,
-            kart.lost_since is not None and not (kart.connected or kart.doubt),
+            kart.lost and not (kart.connected or kart.doubt),
             untold and kart.place > 0,
             due,
             left,

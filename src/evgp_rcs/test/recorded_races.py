@@ -32,6 +32,7 @@ from evgp_rcs.rules.race import (
     EventKind,
     Heat,
     Outcome,
+    Race,
     RaceTimes,
     StampedEvent,
 )
@@ -39,6 +40,20 @@ from evgp_rcs.rules.race import (
 PATIENCE = 60.0
 BEGAN = 1_780_135_500_000_000_000
 """When each of these runs begins, ns since the epoch: an afternoon in May 2026."""
+
+
+def as_seen(race: Race, kind: CommandKind, kart: int, now: float, **fields: Any) -> Command:
+    """
+    Return a command of an official who sees the race as it is, and states what it takes.
+
+    :param fields: what the command has besides, or instead.
+    """
+    mine = race.karts.get(kart) if CATALOGUE[kind].to_one_kart else None
+    is_known = mine is not None or not CATALOGUE[kind].to_one_kart
+    karts = race.availability(kind, kart, now).karts if is_known else ()
+    hold = None if mine is None else mine.hold
+    seen = {'opening': race.opening, 'reading': race.reading}
+    return Command(kind, kart, True, frozenset(karts), hold, **seen)._replace(**fields)
 
 
 class PaperRace:
@@ -144,13 +159,9 @@ class PaperRace:
         **fields: Any,
     ) -> Outcome:
         """Give a command, for what there is to see."""
-        number = kart if CATALOGUE[kind].to_one_kart and kart in self.race.karts else 0
-        seen: Sequence[int] = ()
-        if not CATALOGUE[kind].to_one_kart or number:
-            seen = self.race.availability(kind, number, self.now).karts
-        hold = self.race.karts[number].hold if number else None
-        command = Command(kind, kart, True, frozenset(seen), hold, heat, official)
-        return self.feed(inputs.Commanded(self.now, command._replace(**fields), self.now))
+        fields = {'official': official, 'heat': heat, **fields}
+        command = as_seen(self.race, kind, kart, self.now, **fields)
+        return self.feed(inputs.Commanded(self.now, command, self.now))
 
     def drive(self) -> None:
         """Go from the garage to GREEN_GREEN; every kart is connected and acknowledges."""

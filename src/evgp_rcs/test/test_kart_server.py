@@ -45,6 +45,7 @@ from evgp_rcs.rules.race import (
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
+from recorded_races import as_seen
 
 TIMEOUT = 20.0
 NO_BEAT = 0.001  # Hz: no second frame comes by itself while a test runs
@@ -111,9 +112,7 @@ class Running:
         self, kind: CommandKind, kart: int | None = None, statement: bool = True
     ) -> Command:
         """Return a command of an official who sees the race as it is."""
-        offered = self.race.availability(kind, kart or 0, clock.now())
-        hold = self.race.karts[kart].hold if kart is not None else None
-        return Command(kind, kart or 0, statement, frozenset(offered.karts), hold)
+        return as_seen(self.race, kind, kart or 0, clock.now(), statement=statement)
 
     def connect(self, kart: int, receive_buffer: int = 0) -> socket.socket:
         """Return a connection from a kart's address, with a bounded receive buffer."""
@@ -448,9 +447,7 @@ def stuck(run: Run) -> tuple[Running, socket.socket, KartLink]:
     link = running.server._links[3]
     link._send_timeout = TIMEOUT
     # Bytes that have not left are not enough: they may wait for an answer that is only late.
-    running.wait_until_shown(
-        lambda race, at: race.karts[3].link is not None and race.karts[3].link.grade is Grade.POOR
-    )
+    running.wait_until_shown(lambda race, at: race.karts[3].link.grade is Grade.POOR)
     assert link._unsent() > 0
     return running, client, link
 
@@ -464,7 +461,7 @@ def test_an_order_is_delivered_when_the_karts_kernel_answers_and_before_it_is_ac
     *_, event = running.wait_for(EventKind.DELIVERED, 3)  # though its program has read nothing
     assert event.state is RED_RED
     assert 0.0 <= event.after < TIMEOUT
-    assert running.race.karts[3].delivered_at is not None
+    assert running.race.karts[3].delivered_after is not None
     assert not running.race.karts[3].acknowledged
     read_until(client, RED_RED)
     running.give(CommandKind.ALL_KILL)  # it is sent RED_RED already: no order, no delivery
@@ -479,12 +476,11 @@ def test_each_link_is_measured_and_a_new_connection_begins_unknown(run: Run) -> 
     client = running.connect(1)
     (event,) = running.wait_for(EventKind.LINK_GRADE, 1)
     link = running.race.karts[1].link
-    assert link is not None
     assert event.grade is link.grade is Grade.GOOD
     assert link.round_trip is not None
     client.close()
     running.wait_for(EventKind.DISCONNECTED, 1)
-    assert running.race.karts[1].link is None
+    assert running.race.karts[1].link.grade is Grade.UNKNOWN
 
 
 def test_a_kernel_of_another_kind_is_no_error(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -493,7 +489,6 @@ def test_a_kernel_of_another_kind_is_no_error(run: Run, monkeypatch: pytest.Monk
     running.connect(1)
     (event,) = running.wait_for(EventKind.LINK_GRADE, 1)
     link = running.race.karts[1].link
-    assert link is not None
     assert (event.grade, link.round_trip) == (Grade.GOOD, None)
     running.wait_for(EventKind.DELIVERED, 1)
 
@@ -507,7 +502,7 @@ def test_a_kart_whose_kernel_answers_nothing_has_a_poor_link_and_is_delivered_no
     delivered = [each.state for each in running.events if each.kind is EventKind.DELIVERED]
     assert RED_RED not in delivered
     read_until(client, RED_RED)
-    running.wait_until_shown(lambda race, at: race.karts[3].delivered_at is not None)
+    running.wait_until_shown(lambda race, at: race.karts[3].delivered_after is not None)
     (*_, event) = running.wait_for(EventKind.DELIVERED, 3)
     assert (event.state, event.after > 0.0) == (RED_RED, True)
 
@@ -534,7 +529,7 @@ def test_only_a_stop_that_the_karts_kernel_has_answered_to_its_end_has_arrived(
     client.sendall(encode(RED_RED) + b'.')
     running.wait_for(EventKind.MALFORMED, 3)
     assert not any(each.kind is EventKind.ACKNOWLEDGED for each in running.events)
-    assert running.race.karts[3].delivered_at is None
+    assert running.race.karts[3].delivered_after is None
 
     def say_just_before_the_answer() -> None:
         # In the server's own thread: this lies unread when race control looks once more.

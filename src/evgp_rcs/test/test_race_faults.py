@@ -164,12 +164,12 @@ a release without the statement that a silent kart was made safe: statement COMM
     ''
 a kart released during a race goes on with the race: effect, sent-wrong, red-to-green,
     green-only-by-command _release_kart: state IN_GARAGE => self.state is RED_RED
-a finish stops the kart on the finish line: sent-wrong, effect tick: without finish_due >=
+a finish stops the kart on the finish line: sent-wrong, effect tick: without flag_at >=
 a finish is never followed by RED_FLAG: sent-wrong, finish-put-off [green] tick: skips _hold
 every place has the delay of the first: effect finish_delay: finish_delays - => 0
 a kart finishes twice: availability _refusals: place #1 => it > 1
 a finish that is undone ends the hold of the kart: red-loosened, hold-forgotten [green]
-    _kart_undo_finish: before attempt: if kart.finish_due is None: ¶> self._unhold(kart) ¶>
+    _kart_undo_finish: before attempt: if kart.flag_at is None: ¶> self._unhold(kart) ¶>
     self._redirect(kart, now)
 a finish that is undone sends the kart on: green-needs-grid, red-loosened, green-only-by-command
     [green] _kart_undo_finish: before attempt: if self.state is RED_FLAG: ¶>
@@ -180,9 +180,9 @@ a finish is undone when the order of FINISH was told: availability [green] _refu
 a finish is undone without the statement that the kart has not finished: statement COMMANDS: kart
     has => ''
 the race goes over while a finish is outstanding: sent-wrong, effect _all_have_finished:
-    without finish_due
+    without flag_at
 the race goes over when the first kart has finished: sent-wrong, effect [two in green]
-    _all_have_finished: all ( => any(kart.place and kart.finish_due is None for kart in racing)
+    _all_have_finished: all ( => any(kart.place and kart.flag_at is None for kart in racing)
 humans may be on the track while the race drives: track-access, availability track_access: state
     GREEN_GREEN => self.state is GRID_ACTIVE
 the track stays open when the grid forms: track-open-in-motion _grid_active: skips track_open
@@ -191,7 +191,7 @@ the track closes for the grid whoever has been let onto it since: as-seen _misna
 an opening of the track is not counted: as-seen, effect _open_track: instead of
     _count_opening: self.track_open = True
 a kart that was lost in a race goes home with all others: stuck, effect, sent-wrong, availability
-    away_at_rest: without lost_since
+    away_at_rest: without lost
 a kart that was away when an official held it goes home with all others: alone-released, effect,
     sent-wrong, availability away_at_rest: without held_alone
 a kart that was away must be released alone: availability, effect, sent-wrong, as-seen
@@ -209,8 +209,6 @@ a refusal does not name the kart: refusal-silent _unanswered: _silence f =>
 looking at alerts acts: alerts-act alerts: first: self.track_open = False
 a lost kart raises no alert: effect, alerts _drop: doubt under_way => under_way and
     kart.may_be_moving
-a kart that drops again renews the time of its alarm: effect, alerts [green] _drop: without
-    lost_since #1
 a silent kart in RED_FLAG raises no alert: alerts _current_alerts: flag_alert =>
     self.times.ready_alert + 9.0
 every kart is said to have acknowledged when one has: false-news [two on the grid]
@@ -228,7 +226,7 @@ a heat that the roster does not have empties the race: availability, effect _no_
     if name == 'no such heat': ¶> self.heats += (Heat(name, ()),)
 a heat that is not in the roster is refused without those that are: refusal-silent _no_such_heat:
     join name => 'others'
-the places are gone with IN_GARAGE: results, effect [green] _race_in_garage: after finish_due:
+the places are gone with IN_GARAGE: results, effect [green] _race_in_garage: after flag_at:
     each.place = 0
 the order of FINISH of a race that was stopped is never told: results _race_in_garage: skips
     _report_order_of_finish
@@ -244,10 +242,10 @@ a kart told to form the grid leaves no doubt: doubt-unnoticed _redirect: skips G
 a lost connection ends the doubt: effect, doubt-forgotten, drop-not-held, alerts _drop: after
     _void_answers: kart.doubt = Doubt.NONE
 a kart that is back counts as standing: effect, doubt-forgotten, alarm-cleared, drop-not-held,
-    alerts, settle connected: instead of may_be_moving: kart.lost_since = None ¶ kart.doubt =
+    alerts, settle connected: instead of may_be_moving: kart.lost = False ¶ kart.doubt =
     Doubt.NONE
 a kart that is back ends the alarm of its loss: effect, alarm-cleared, alerts connected: instead of
-    may_be_moving: kart.lost_since = None
+    may_be_moving: kart.lost = False
 the alarm of a kart lost in motion is told of missing karts only: alarm-cleared, alerts
     _current_alerts: may_be_moving #1 => it and not kart.connected
 a kart outside the race that drops with a stop unanswered raises no alert: effect, alarm-cleared,
@@ -368,7 +366,7 @@ IN_GARAGE releases a kart that has not stood yet: as-seen, hold-forgotten, red-l
 a kart that has only just acknowledged is released alone without a word: statement COMMANDS: stands
     => kart.stopped
 the alarm of a kart lost in motion ends with its acknowledgement: effect, alerts heard: after
-    times: kart.lost_since = None
+    times: kart.lost = False
 GREEN_GREEN while a kart taken off the grid has not answered: availability _no_race: doubt
     may_be_moving => each.in_race and each.may_be_moving
 GREEN_GREEN while a kart outside the race is lost on the grid: availability [two on the grid]
@@ -454,8 +452,7 @@ a run of which nothing is known counts as ended well: restart recover: without U
 a kart in doubt does not keep a restart from going home: restart at_rest: without doubt
 a restart does not hold the karts of which nothing is known: restart _lose_track: instead of _hold:
     if kart.doubt: ¶> self._hold(kart, RED_RED, held, now)
-a kart that was lost before a restart raises no alarm: restart, alerts recover: skips doubt
-    lost_since
+a kart that was lost before a restart raises no alarm: restart, alerts recover: skips lost
 the statement answers for a kart that was known in doubt: availability, as-seen, hold-forgotten,
     track-access [crash] _covered_by_statement: without doubt
 the statement answers for a kart that was lost on the grid: availability, as-seen, hold-forgotten,
@@ -473,14 +470,14 @@ IN_GARAGE always waits for connected karts outside the race: availability, false
 OPEN_TRACK after a restart before the statement: restart, track-access, availability track_access:
     past_unknown => it and self.over
 a finish that is undone keeps its RED_FLAG: effect, sent-wrong [green] _kart_undo_finish: skips
-    finish_due
+    flag_at
 a finish that is undone cancels the RED_FLAG of another kart: finish-put-off [two in green]
-    _kart_undo_finish: after place -: each.finish_due = None
+    _kart_undo_finish: after place -: each.flag_at = None
 a finish that is undone puts the RED_FLAG of who moves up off: finish-put-off, effect [two in
-    green] _kart_undo_finish: after place -: each.finish_due = now + 9.0
+    green] _kart_undo_finish: after place -: each.flag_at = now + 9.0
 a finish that is undone lifts the hold of a stop that came meanwhile: red-loosened, hold-forgotten
-    [green] _kart_undo_finish: instead of finish_due: if kart.finish_due is not None: ¶>
-    self._unhold(kart) ¶> self._redirect(kart, now) ¶ kart.finish_due = None
+    [green] _kart_undo_finish: instead of flag_at: if kart.flag_at is not None: ¶>
+    self._unhold(kart) ¶> self._redirect(kart, now) ¶ kart.flag_at = None
 a kart that moves on the grid raises no alert: alerts _current_alerts: sent IN_GARAGE => kart.sent
     is IN_GARAGE
 a kart that moves in the garage raises no alert: alerts _current_alerts: sent IN_GARAGE =>
@@ -502,7 +499,7 @@ the cause is that of the last change: cause _go: _cause why => self.state_cause 
 the MSR is asked for at once when a kart connects to a stop: alerts _current_alerts: ordered_at
     sent_since => kart.sent_since
 a kart that was lost in motion has its time again with every connection: alerts _current_alerts:
-    without lost_since is
+    without lost not
 the MSR is asked for when it was used: use-msr alerts: without msr_used
 the MSR is not asked for when a kart is lost in motion: use-msr MSR_ALERTS: without LOST_IN_MOTION
 a track that officials opened is closed by a stop: effect, stop-idempotent _all_kill: after _hold:
@@ -526,7 +523,7 @@ the attempts of a race go on in the next one: finish-other [an undone finish] _g
 a FINISH that names no race is refused: availability [green] _misnamed: run and #1 => kind is
     CommandKind.KART_FINISH
 a FINISH counts as somebody who is there: nobody-there [people in green] _kart_finish: after
-    finish_due: self.nobody_since = None
+    flag_at: self.nobody_since = None
 a heat stays in the race with karts of another one: heat [heats] heat: without karts racing
 a heat stays in the race without any kart: heat [heats] heat: inside racing => inside
 a race that nobody can stop goes on: nobody-there, effect [people in green] tick: skips IN_CONTACT
@@ -571,7 +568,7 @@ the race starts by itself when every kart is on the grid: green-only-by-command 
 GREEN_GREEN starts the karts outside the race as well: red-to-green [grid] _green_green: first: for
     each in self.karts.values(): ¶> each.in_race = True
 a connection that comes back ends the alarm of its loss: alarm-cleared connected: first: if not
-    self.karts[number].connected: ¶> self.karts[number].lost_since = None
+    self.karts[number].connected: ¶> self.karts[number].lost = False
 IN_GARAGE releases every kart that stands, whatever it announced: alone-released [grid]
     _race_in_garage: _released_by_garage ( => [*it, *(each for each in self.karts.values() if
     each.stands)]

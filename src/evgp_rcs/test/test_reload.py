@@ -164,7 +164,8 @@ def check(rules: ModuleType) -> None:
         before = oracle.look(seen)
         again = between[0] == 'it is read again' and seen.reading != number
         waits = before.state is RaceState.IN_GARAGE and seen.grids == races
-        wanted = waits and _keeps(before, roster) and not (before.has_rival or before.cut or again)
+        barred = before.has_rival or before.cut_off_by or again
+        wanted = waits and _keeps(before, roster) and not barred
         for other in (meeting.roster(), meeting.roster(*karts[1], (8, 'D', '10.0.0.8'))):
             answer = meeting.do('TAKE_ROSTER', reading=number, roster=other).answer
             assert not answer.success, case  # the file is another by now

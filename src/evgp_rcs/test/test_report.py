@@ -32,7 +32,7 @@ from evgp_node.results import (
 from evgp_node.roster import Format
 from evgp_node.stream_file import BOOK
 from evgp_protocol.clock import duration
-from evgp_protocol.link import Grade, GRADES
+from evgp_protocol.link import GRADES
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record.report import wording
@@ -96,14 +96,14 @@ def test_a_stop_has_its_two_times_for_each_kart(paper: PaperRace) -> None:
     assert cells == ['0.031 s', '0.620 s', 'not seen']
 
 
-Truth = tuple[str, str, str, float | None]
-"""What a kart was sent, its hold, the grade of its link, and when it acknowledged."""
+Truth = tuple[float, int, tuple[str, str, str], bool]
+"""When, which kart, what it was sent, its hold, its link's grade, and whether it had answered."""
 
 
 def test_a_lane_shows_what_the_rules_had_at_every_moment(chance: random.Random) -> None:
     paper = PaperRace(dict.fromkeys(range(1, 6), ''))
     paper.connect(1)
-    truth: list[tuple[float, int, Truth]] = []
+    truth: list[Truth] = []
     for _ in range(300):
         number = chance.randint(1, 5)
         chance.choice(
@@ -122,20 +122,21 @@ def test_a_lane_shows_what_the_rules_had_at_every_moment(chance: random.Random) 
         for kart in paper.race.karts.values():
             what = kart.sent.name if kart.connected else NOT_CONNECTED
             hold = kart.hold.name if kart.hold else ''
-            grade = kart.link.grade.name if kart.link else Grade.UNKNOWN.name
-            truth.append((paper.now, kart.number, (what, hold, grade, kart.acknowledged_at)))
+            told = what, hold, kart.link.grade.name
+            answered = kart.acknowledged_after is not None
+            truth.append((paper.now, kart.number, told, answered))
         paper.wait(0.5)
     account = paper.account()
     began = paper.stamped[0].monotonic
     looked = 0
-    for when, number, (*told, acknowledged) in truth:
+    for when, number, told, answered in truth:
         at = when - began + 0.1
         if at < account.length:
             lane = account.lanes[number]
             bands = lane.bands, lane.holds, lane.links
             now = [next(each for each in one if each.start <= at < each.end) for one in bands]
-            assert [each.what for each in now] == told
-            if acknowledged is not None:
+            assert tuple(each.what for each in now) == told
+            if answered:
                 assert now[0].acknowledged is not None
                 assert now[0].start <= now[0].acknowledged <= at
             looked += 1

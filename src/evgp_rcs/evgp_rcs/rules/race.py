@@ -66,7 +66,7 @@ from typing import Any, NamedTuple
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState, stricter
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.link_quality import LinkQuality
+from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED
 
 IN_GARAGE = RaceState.IN_GARAGE
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -389,15 +389,11 @@ class Kart:
     :param serial: serial number of its current order.
     :param acknowledged: whether it has acknowledged its current order and has not withdrawn that
         acknowledgement since.
-    :param lost_since: when it lost its connection in a race under way or while it may have been
-        moving. If it may have been moving, the time is kept until the doubt ends.
-    :param finish_due: when its finish turns into a RED_FLAG (``flag_at`` in the message).
+    :param lost: whether it lost its connection in a race under way or while it was in doubt. If it
+        may have been moving, this remains true until the doubt ends.
     :param held_alone: whether an official has held this kart individually and not released it.
-    :param ordered_at: time of its current order.
-    :param delivered_at: the time by which its kernel had answered that order.
-    :param acknowledged_at: when it first acknowledged that order, even if it withdrew that later.
-    :param link: quality of its link; None if not measured on this connection. No rule depends on
-        it or on the three times above, which are for officials.
+    :param ordered_at: time of its current order. No rule depends on it, on ``delivered_after``,
+        on ``acknowledged_after`` or on ``link``, which are for officials.
     :param contested: whether two programs are connecting as this kart, each displacing the other.
     :param went_silent_at: when it last lost its connection because its link stopped answering;
         None if it has a connection, or lost it in another way.
@@ -419,16 +415,16 @@ class Kart:
     reported: RaceState | None = None
     doubt: Doubt = Doubt.NONE
     settles_at: float | None = None
-    lost_since: float | None = None
+    lost: bool = False
     place: int = 0
     attempt: int = 0
-    finish_due: float | None = None
+    flag_at: float | None = None
     held_alone: bool = False
     counts_at: float | None = None
     ordered_at: float = 0.0
-    delivered_at: float | None = None
-    acknowledged_at: float | None = None
-    link: LinkQuality | None = None
+    delivered_after: float | None = None
+    acknowledged_after: float | None = None
+    link: LinkQuality = NOT_MEASURED
     link_poor_at: float | None = None
     contested: bool = False
     went_silent_at: float | None = None
@@ -455,7 +451,7 @@ class Kart:
     @property
     def away_at_rest(self) -> bool:
         """Return whether the kart is away, but was neither lost nor held individually."""
-        return self.lost_since is None and not (self.connected or self.held_alone)
+        return not (self.connected or self.lost or self.held_alone)
 
     @property
     def bound(self) -> str:
@@ -690,8 +686,7 @@ class Race:
                 kart.place = before.place
             kart.doubt = before.doubt
             kart.held_alone = before.held_alone
-            if kart.doubt:
-                kart.lost_since = now
+            kart.lost = bool(kart.doubt)
         self.starters = tuple(number for number in memory.starters if number in self.karts)
         self.grids = self.number = int(bool(self.starters))
         cause = 'race control has started and does not know what happened before that'
@@ -825,7 +820,7 @@ class Race:
             self._drop(kart, 'a new connection from its address replaced it', now)
         kart.connected = True
         if not kart.may_be_moving:
-            kart.lost_since = None
+            kart.lost = False
         kart.went_silent_at = None
         self._add_event(EventKind.CONNECTED, f'{kart} connected', number, chatter=kart.contested)
         self._redirect(kart, now, resend=True)
@@ -884,10 +879,11 @@ class Race:
         before, kart.reported = kart.reported, state
         counts = state is kart.sent and serial == kart.serial
         if counts and not kart.acknowledged:
-            again = kart.acknowledged_at is not None
+            again = kart.acknowledged_after is not None
             kart.acknowledged = True
             kart.counts_at = None
-            kart.acknowledged_at = kart.acknowledged_at if again else now
+            if not again:
+                kart.acknowledged_after = now - kart.ordered_at
             if state.is_red:
                 kart.settles_at = now + self.times.settle_time
                 self._settle(kart, now)
@@ -926,9 +922,8 @@ class Race:
         :param answered: the latest time in seconds at which the kernel can have answered.
         """
         kart = self.karts[number]
-        if kart.connected and serial == kart.serial and kart.delivered_at is None:
-            kart.delivered_at = max(answered, kart.ordered_at)
-            after = kart.delivered_at - kart.ordered_at
+        if kart.connected and serial == kart.serial and kart.delivered_after is None:
+            kart.delivered_after = after = max(answered - kart.ordered_at, 0.0)
             text = f"{kart.sent.value} reached {kart}'s computer after {after:.2f} s"
             self._add_event(EventKind.DELIVERED, text, number, kart.sent, after=after)
         return self._outcome()
@@ -941,7 +936,7 @@ class Race:
         before, kart.link = kart.link, link
         if link.grade is Grade.POOR:
             kart.link_poor_at = now
-        if before is None or before.grade is not link.grade:
+        if before.grade is not link.grade:
             why = '' if link.grade is Grade.GOOD else f': the kart {link.delay}'
             text = f'The link to {kart} is {link.grade.value}{why}'
             self._add_event(EventKind.LINK_GRADE, text, number, grade=link.grade)
@@ -976,8 +971,8 @@ class Race:
         """
         for kart in self.karts.values():
             self._settle(kart, now)
-            if kart.finish_due is not None and now >= kart.finish_due:
-                kart.finish_due = None
+            if kart.flag_at is not None and now >= kart.flag_at:
+                kart.flag_at = None
                 # This reason stays true if places move up or the finish is undone later.
                 self._hold(kart, RED_FLAG, 'marked as finished', now)
         if self._all_have_finished(now):
@@ -1099,7 +1094,7 @@ class Race:
     def _void_answers(self, kart: Kart) -> None:
         """Forget how a kart answered its order, which is over or has lost its connection."""
         kart.acknowledged = False
-        kart.delivered_at = kart.acknowledged_at = None
+        kart.delivered_after = kart.acknowledged_after = None
         kart.counts_at = kart.settles_at = None
 
     def _hold(
@@ -1120,7 +1115,7 @@ class Race:
         kart.hold = None
         kart.hold_reason = ''
         kart.held_alone = False
-        kart.lost_since = None
+        kart.lost = False
 
     def _settle(self, kart: Kart, now: float) -> None:
         """End the doubt about a kart that has kept reporting its red state for long enough."""
@@ -1130,7 +1125,7 @@ class Race:
     def _end_doubt(self, kart: Kart) -> None:
         kart.doubt = Doubt.NONE
         kart.settles_at = None
-        kart.lost_since = None
+        kart.lost = False
 
     def _cause(self) -> str:
         """Return the command that is taking effect, and who sent it."""
@@ -1154,11 +1149,12 @@ class Race:
 
     def _drop(self, kart: Kart, reason: str, now: float) -> None:
         kart.connected = False
-        kart.reported = kart.link = None
+        kart.reported = None
+        kart.link = NOT_MEASURED
         self._void_answers(kart)
         under_way = kart.in_race and self.state is not IN_GARAGE
-        if (under_way or kart.doubt) and kart.lost_since is None:
-            kart.lost_since = now
+        if under_way or kart.doubt:
+            kart.lost = True
         text = f'{kart} disconnected: {reason}'
         self._add_event(EventKind.DISCONNECTED, text, kart.number, chatter=kart.contested)
         if (under_way and self.state is not GRID_ACTIVE) or kart.may_be_moving:
@@ -1215,7 +1211,7 @@ class Race:
         self._report_order_of_finish()  # of a race that was stopped and never declared over
         self._go(IN_GARAGE, now)
         for each in self.karts.values():
-            each.finish_due = None
+            each.flag_at = None
             self._redirect(each, now)
         message = f'IN_GARAGE sent to {_receivers(released)}'
         if kept:
@@ -1248,7 +1244,7 @@ class Race:
         kart = self.karts[command.kart]
         kart.place = 1 + max(each.place for each in self.karts.values())
         delay = self.times.finish_delay(kart.place)
-        kart.finish_due = now + delay
+        kart.flag_at = now + delay
         return f'{kart} finished as P{kart.place}; RED_FLAG follows in {delay:g} s'
 
     def _kart_undo_finish(self, command: Command, now: float) -> str:
@@ -1258,14 +1254,14 @@ class Race:
         for each in self.karts.values():
             each.place -= each.place > place
         # This loosens no state that has been sent; it only cancels a RED_FLAG that has not been.
-        kart.finish_due = None
+        kart.flag_at = None
         return f'{kart} no longer has a place, and is still being sent {kart.sent.value}'
 
     def _release_kart(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
         self._unhold(kart)
         self._end_doubt(kart)
-        kart.finish_due = None
+        kart.flag_at = None
         out = kart.in_race and self.state is not IN_GARAGE
         kart.in_race = kart.in_race and not out
         self._redirect(kart, now)
@@ -1430,7 +1426,7 @@ class Race:
         return f'{text}roster and read the roster again' if missing else ''
 
     def _bound(self, roster: Roster) -> str:
-        """Return which karts and addresses a roster must keep but lacks; empty if none."""
+        """Return which karts a roster must have, or must not have, as before; empty if none."""
         addresses = {each.number: each.address for each in roster.karts}
         bound = [
             f'{kart} {kart.bound}'
@@ -1525,8 +1521,6 @@ class Race:
 
     def _changes(self) -> str:
         """Return what TAKE_ROSTER would change, as a list of phrases."""
-        if not self.reading:
-            return ''
         named = {each.number: each for each in self._read.karts}
         said = [
             f'{called(each.number, each.team)} is added with the address {each.address}'
@@ -1613,7 +1607,7 @@ class Race:
                 f'reported {kart.sent.value}, perhaps in answer to an earlier command (if waiting '
                 'does not help, it must reconnect, and will be held)'
             )
-        if kart.acknowledged_at is not None:
+        if kart.acknowledged_after is not None:
             return f'withdrew its acknowledgement of {kart.sent.value}'
         return f'has not acknowledged {kart.sent.value}'
 
@@ -1649,7 +1643,7 @@ class Race:
         # Without starters, the places belong to the last race.
         return bool(self.starters) and all(
             kart.place
-            and kart.finish_due is None
+            and kart.flag_at is None
             and (kart.stopped or now >= kart.sent_since + self.times.finish_stop)
             for kart in racing
         )
@@ -1688,7 +1682,7 @@ class Race:
             RED_RED: (AlertKind.RED_UNACKNOWLEDGED, self.times.red_alert),
         }
         for number, kart in self.karts.items():
-            if kart.lost_since is not None:
+            if kart.lost:
                 # A kart that is back may not have stopped yet; only its report ends the alert.
                 if kart.may_be_moving:
                     text = f'{kart} lost its connection while it may have been moving'
@@ -1701,7 +1695,7 @@ class Race:
             if kart.connected and kart.may_be_moving and kart.sent in (IN_GARAGE, GRID_ACTIVE):
                 text = f'it reported GREEN_GREEN while being sent {kart.sent.value}'
                 yield AlertKind.MOVING_UNASKED, number, f'Stop {kart} with RED_RED: {text}'
-            if kart.in_race and kart.link is not None and kart.link.grade is Grade.POOR:
+            if kart.in_race and kart.link.grade is Grade.POOR:
                 text = f'{kart} {kart.link.delay}'
                 text = f'Send RED_FLAG, or LEAVE_RACE before GREEN_GREEN: {text}'
                 yield AlertKind.LINK_POOR, number, text
@@ -1711,7 +1705,7 @@ class Race:
             if kart.sent in late and not kart.acknowledged:
                 alert, limit = late[kart.sent]
                 # In a red state, a new connection restarts the time unless the kart had been lost.
-                is_new = kart.sent.is_red and kart.lost_since is None
+                is_new = kart.sent.is_red and not kart.lost
                 due = (kart.ordered_at if is_new else kart.sent_since) + limit
                 if due > now or not (kart.connected or alert is AlertKind.NOT_READY):
                     continue

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED, POOR_LATELY
+from evgp_rcs.rules.link_quality import LinkQuality, POOR_LATELY
 from evgp_rcs.rules.race import Alert, Availability, called, Heat, Kart, Race, TrackAccess
 
 _TO_ONE_KART = tuple(kind for kind, entry in CATALOGUE.items() if entry.to_one_kart)
@@ -197,20 +197,12 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
     )
 
 
-_AS_IN_THE_RULES = {name for name in KartSnapshot._fields if hasattr(Kart, name)} - {'link'}
+_AS_IN_THE_RULES = {name for name in KartSnapshot._fields if hasattr(Kart, name)}
 
 
 def _kart(race: Race, kart: Kart, now: float) -> KartSnapshot:
     return KartSnapshot(
         **{name: getattr(kart, name) for name in _AS_IN_THE_RULES},
-        link=kart.link or NOT_MEASURED,
         poor_lately=kart.link_poor_at is not None and now - kart.link_poor_at < POOR_LATELY,
-        delivered_after=_since(kart.ordered_at, kart.delivered_at),
-        acknowledged_after=_since(kart.ordered_at, kart.acknowledged_at),
-        flag_at=kart.finish_due,
         commands=tuple(race.availability(kind, kart.number, now) for kind in _TO_ONE_KART),
     )
-
-
-def _since(since: float, at: float | None) -> float | None:
-    return None if at is None else at - since

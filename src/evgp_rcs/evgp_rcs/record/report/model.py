@@ -491,11 +491,11 @@ class Account:
             self.lanes = dict(sorted([*self.lanes.items(), (kart.number, lane)]))
             lane.bands.change(0.0, NOT_CONNECTED)
         band = lane.bands.change(at, kart.sent.name if kart.connected else NOT_CONNECTED)
-        if kart.delivered_at is not None and band.delivered is None:
-            band.delivered = self._at(kart.delivered_at)
-        if kart.acknowledged_at is not None and band.acknowledged is None:
-            band.acknowledged = self._at(kart.acknowledged_at)
-        lane.links.change(at, NO_GRADE if kart.link is None else kart.link.grade.name)
+        if kart.delivered_after is not None and band.delivered is None:
+            band.delivered = self._at(kart.ordered_at + kart.delivered_after)
+        if kart.acknowledged_after is not None and band.acknowledged is None:
+            band.acknowledged = self._at(kart.ordered_at + kart.acknowledged_after)
+        lane.links.change(at, kart.link.grade.name)
         lane.holds.change(at, '' if kart.hold is None else kart.hold.name)
 
     def _look_who_drives(
