@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
@@ -58,29 +59,27 @@ class Officials:
 
     # ----- inputs -------------------------------------------------------------------------
 
-    def command(self, kind: str, kart: int = 0, stating: bool = True) -> Outcome:
+    def command(self, kind: str, kart: int, fields: dict[str, Any]) -> tuple[Outcome, Answer]:
         """Give a command, with what an official names who sees the race as it is now."""
         self.race.saved(self.race.memory().gridded)  # everything is on the disk at once
-        fields = {'statement': stating, 'heat': HEATS[0].name}
+        fields = {'heat': HEATS[0].name, **fields}
         command = as_seen(self.race, CommandKind[kind], kart, self.now, **fields)
         outcome = self.race.command(command, self.now)
         assert outcome.answer is not None
-        return outcome
+        return outcome, outcome.answer
 
-    def does(self, kind: str, kart: int = 0) -> Outcome:
+    def does(self, kind: str, kart: int = 0, **fields: Any) -> Outcome:
         """Give a command that is to be accepted."""
-        outcome = self.command(kind, kart)
-        assert outcome.answer is not None
-        assert outcome.answer.success, outcome.answer.message
+        outcome, answer = self.command(kind, kart, fields)
+        assert answer.success, answer.message
         return outcome
 
-    def is_refused(self, kind: str, kart: int = 0, stating: bool = True) -> str:
+    def is_refused(self, kind: str, kart: int = 0, **fields: Any) -> str:
         """Give a command that is to be refused, and return what the official reads."""
-        outcome = self.command(kind, kart, stating)
-        assert outcome.answer is not None
-        assert not outcome.answer.success, outcome.answer.message
+        outcome, answer = self.command(kind, kart, fields)
+        assert not answer.success, answer.message
         assert not outcome.orders
-        return outcome.answer.message
+        return answer.message
 
     def connect(self, kart: int) -> Outcome:
         return self.race.connected(kart, self.now)
@@ -257,6 +256,22 @@ def drives_unasked(officials: Officials) -> None:
     officials.does('JOIN_RACE', SPECTATOR)
 
 
+def two_programs_connect(officials: Officials) -> None:
+    officials.race.contested(1, True, officials.now)
+
+
+def is_cut_off(officials: Officials) -> None:
+    officials.to_green().race.cut_off('eth0 has no cable', officials.now)
+
+
+def has_no_heats(officials: Officials) -> None:
+    officials.race.heats = ()
+
+
+def says_on_the_grid(state: RaceState) -> Reach:
+    return lambda officials: officials.to_ready().says(1, state)
+
+
 def left_on_the_grid(officials: Officials) -> None:
     officials.race.attended(Attendance(1, 'Anna (window)'), officials.now)
     officials.to_ready().race.attended(Attendance(), officials.now)
@@ -276,6 +291,18 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
             0,
             'another race control is running; shut it down first. Every stop still works',
         ),
+        (
+            two_programs_connect,
+            0,
+            'two programs keep connecting as kart 1 (Ohm); have the team stop one of them',
+        ),
+        (
+            lambda officials: officials.race.record_trouble('The disk is full', officials.now),
+            0,
+            'The disk is full. A race cannot start without a record. Make room on the disk, or '
+            'restart race control with the parameter record set to a path on another disk. As a '
+            'last resort, use /dev/shm',
+        ),
     ],
     'GREEN_GREEN': [
         ('RED_FLAG', 0, 'the race is in RED_FLAG; GREEN_GREEN is possible only in GRID_ACTIVE'),
@@ -290,6 +317,17 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
             'race control is no longer in contact with any screen or button that can stop the '
             'race; open a window, or start again from IN_GARAGE',
         ),
+        (
+            says_on_the_grid(RED_RED),
+            0,
+            'waiting for kart 1 (Ohm): stopped itself; take it out of the race, or start again '
+            'from IN_GARAGE',
+        ),
+        (
+            says_on_the_grid(IN_GARAGE),
+            0,
+            'waiting for kart 1 (Ohm): withdrew its acknowledgement of GRID_ACTIVE',
+        ),
     ],
     'IN_GARAGE': [
         (
@@ -299,6 +337,10 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
             'use the MSR and record its use, or, if the kart is off the track, make it safe by '
             'hand and release it individually',
         ),
+        (is_cut_off, 0, 'race control is still cut off from the karts: eth0 has no cable'),
+    ],
+    'SET_HEAT': [
+        (has_no_heats, 0, "the roster has no heats; list them under 'heats:' and read it again"),
     ],
     'KART_IN_GARAGE': [
         (
@@ -352,11 +394,8 @@ def test_who_names_no_kart_reads_every_number_to_paste(officials: Officials) -> 
     officials.race = Race(karts, NO_PAUSE, officials.now)
     for number in numbers:
         officials.connect(number)
-    command = Command(CommandKind.GRID_ACTIVE, 0, True, frozenset())
-    answer = officials.race.command(command, officials.now).answer
-    assert answer is not None
-    refusal = f'no kart is named. Add karts: {numbers}'
-    assert answer.message == f'GRID_ACTIVE refused: {refusal}.'
+    refusal = f'GRID_ACTIVE refused: no kart is named. Add karts: {numbers}.'
+    assert officials.is_refused('GRID_ACTIVE', karts=frozenset()) == refusal
 
 
 def gone(officials: Officials) -> None:
@@ -470,7 +509,7 @@ def test_a_refusal_says_what_must_be_stated(
     kind: str, reach: Reach, kart: int, wanted: str, officials: Officials
 ) -> None:
     reach(officials)
-    assert officials.is_refused(kind, kart, stating=False) == f'{kind} refused: {wanted}.'
+    assert officials.is_refused(kind, kart, statement=False) == f'{kind} refused: {wanted}.'
     officials.does(kind, kart)
 
 
@@ -491,16 +530,8 @@ def test_the_race_begins_with_the_heat_that_alone_has_its_karts(
 
 
 def test_the_heat_in_the_race_outlives_a_crash_before_grid_active(officials: Officials) -> None:
-    officials.race.command(Command(CommandKind.SET_HEAT, heat='Final'), officials.now)
+    officials.does('SET_HEAT', heat='Final')
     assert begun(LastRun.UNKNOWN, officials.race.memory()).race.heat == 'Final'
-
-
-def test_without_heats_in_the_roster_the_command_is_unavailable_with_a_reason() -> None:
-    availability = Race([Kart(1)]).availability(CommandKind.SET_HEAT, 0, 0.0)
-    assert not availability.available
-    assert availability.reason == (
-        "the roster has no heats; list them under 'heats:' and read it again"
-    )
 
 
 def test_the_last_delay_serves_all_further_places() -> None:
@@ -555,8 +586,6 @@ def test_what_a_kart_can_cause_again_and_again_by_talking_is_marked(officials: O
         (EventKind.WITHDRAWN, True),
         (EventKind.REPORTED, True),
     ]
-    refusal = officials.is_refused('GREEN_GREEN')
-    assert 'kart 1 (Ohm): withdrew its acknowledgement of GRID_ACTIVE' in refusal
 
 
 def test_a_kart_lost_in_motion_calls_for_the_msr_until_it_is_back_and_stands(
@@ -711,16 +740,6 @@ def test_a_stop_to_a_kart_that_is_not_in_the_roster_begins_a_pause_too() -> None
 # ----- what is wrong around race control --------------------------------------------------
 
 
-def test_while_the_record_fails_the_refusal_of_a_start_names_the_remedy(
-    officials: Officials,
-) -> None:
-    officials.race.record_trouble('The record fails: disk full', officials.now)
-    assert officials.alerts() == {AlertKind.RECORD_FAILING: 'The record fails: disk full'}
-    refusal = officials.is_refused('GRID_ACTIVE')
-    assert 'The record fails: disk full' in refusal
-    assert 'the parameter record set to a path' in refusal
-
-
 def test_a_record_that_fails_in_other_words_is_no_new_alert(officials: Officials) -> None:
     officials.race.record_trouble('Disk full; 1 event waits', officials.now)
     officials.wait(0.1)
@@ -729,14 +748,15 @@ def test_a_record_that_fails_in_other_words_is_no_new_alert(officials: Officials
     assert officials.alerts() == {AlertKind.RECORD_FAILING: 'Disk full; 2 events wait'}
 
 
-def test_of_a_kart_that_left_the_roster_it_is_said_what_to_do() -> None:
+def test_a_start_without_proof_says_why_and_what_to_do_about_a_kart_that_left_the_roster() -> None:
     held = KartMemory(True, True, 1, Doubt.MOVING, False)
-    memory = RaceMemory(GREEN_GREEN, {7: held})
-    events = Race([Kart(1)], now=0.0).recover(memory, LastRun.UNKNOWN, 0.0).events
+    memory, race = RaceMemory(GREEN_GREEN, {7: held}), Race([Kart(1)])
+    events = race.recover(memory, LastRun.UNKNOWN, 0.0, 'nobody may ask who has 10.0.0.1').events
     assert [event.text for event in events if event.kart == 7] == [
         'Kart 7 (no longer in the roster) is held in RED_RED; find it, make it safe, then '
         'release it individually'
     ]
+    assert 'nobody may ask who has 10.0.0.1' in race.state_cause
 
 
 def begun(last_run: LastRun, memory: RaceMemory | None = None) -> Officials:
@@ -749,32 +769,21 @@ def begun(last_run: LastRun, memory: RaceMemory | None = None) -> Officials:
 def test_at_the_first_start_the_track_is_opened_on_a_statement_about_all_machines() -> None:
     assert 'state that no race is under way anywhere, and no kart is moving' in begun(
         LastRun.NONE
-    ).is_refused('OPEN_TRACK', stating=False)
+    ).is_refused('OPEN_TRACK', statement=False)
 
 
 def test_an_opening_that_this_run_does_not_know_is_refused_and_named(officials: Officials) -> None:
-    karts = frozenset(kart.number for kart in officials.race.racing())
-    command = Command(CommandKind.GRID_ACTIVE, 0, True, karts, opening=3)
-    answer = officials.race.command(command, officials.now).answer
-    assert answer is not None
-    assert not answer.success
-    assert 'you named opening 3, but the track has not been opened' in answer.message
+    refusal = officials.is_refused('GRID_ACTIVE', opening=3)
+    assert 'you named opening 3, but the track has not been opened' in refusal
 
 
-def test_the_grid_closes_the_track_that_the_official_saw_and_no_later_opening() -> None:
-    officials = Officials()
+def test_the_grid_closes_the_track_that_the_official_saw_and_no_later_opening(
+    officials: Officials,
+) -> None:
     looked = officials.race.opening
     officials.does('OPEN_TRACK')
-    officials.does('CLOSE_TRACK')
-    karts = frozenset({1, 2})
-    command = Command(CommandKind.GRID_ACTIVE, 0, True, karts, opening=looked)
-    answer = officials.race.command(command, officials.now).answer
-    assert answer is not None
-    assert not answer.success
-    assert 'the track was opened since you looked (by an official, 0 s ago)' in answer.message
-    officials.does('OPEN_TRACK')
-    unstated = officials.is_refused('GRID_ACTIVE', stating=False)
-    assert 'state that the track is clear of humans (this command closes it)' in unstated
+    refusal = officials.is_refused('GRID_ACTIVE', opening=looked)
+    assert 'the track was opened since you looked (by an official, 0 s ago)' in refusal
     officials.does('GRID_ACTIVE')
     assert not officials.race.track_open
 
@@ -782,20 +791,13 @@ def test_the_grid_closes_the_track_that_the_official_saw_and_no_later_opening() 
 def test_the_statement_after_a_start_without_proof_names_the_karts_that_say_nothing() -> None:
     officials = begun(LastRun.UNKNOWN)
     officials.wait(RaceTimes().pause_after_stall)
-    refusal = officials.is_refused('IN_GARAGE', stating=False)
+    refusal = officials.is_refused('IN_GARAGE', statement=False)
     assert 'have not confirmed a stop: kart 1 (Ohm); kart 2 (Volta); kart 3 (Tesla)' in refusal
 
 
-def test_officials_read_why_no_proof_is_believed() -> None:
-    race = Race([Kart(1)], now=0.0)
-    race.recover(None, LastRun.UNKNOWN, 0.0, 'nobody may ask who has 10.0.0.1')
-    assert 'nobody may ask who has 10.0.0.1' in race.state_cause
-
-
-def test_what_cut_race_control_off_is_said_and_that_it_still_is(officials: Officials) -> None:
-    officials.to_green().race.cut_off('eth0 has no cable', officials.now)
+def test_what_cut_race_control_off_is_said(officials: Officials) -> None:
+    is_cut_off(officials)
     assert 'race control was cut off from the karts (eth0 has' in officials.race.state_cause
-    assert 'still cut off from the karts: eth0 has no cable' in officials.is_refused('IN_GARAGE')
 
 
 def test_every_kart_that_is_silent_at_once_is_race_control_that_is_cut_off(
@@ -807,35 +809,24 @@ def test_every_kart_that_is_silent_at_once_is_race_control_that_is_cut_off(
     assert 'no kart answers: kart 1 (Ohm); kart 2' in officials.race.state_cause
 
 
-def test_no_race_begins_with_a_kart_as_which_two_programs_connect(officials: Officials) -> None:
-    officials.race.contested(1, True, officials.now)
-    assert 'two programs keep connecting as kart 1 (Ohm)' in officials.is_refused('GRID_ACTIVE')
-    assert (
-        'Two programs keep connecting as kart 1 (Ohm)'
-        in officials.alerts()[AlertKind.TWO_PROGRAMS]
-    )
-    assert all(event.chatter for event in officials.connect(1).events)
-    officials.race.contested(1, False, officials.now)
-    officials.to_ready().race.contested(1, True, officials.now)
-    assert 'two programs keep connecting as kart 1 (Ohm)' in officials.is_refused('GREEN_GREEN')
-
-
-def test_a_kart_that_stops_itself_is_shown_as_that_and_nobody_relies_on_it(
+def test_two_programs_of_one_kart_are_an_alert_and_what_they_cause_is_marked(
     officials: Officials,
 ) -> None:
-    officials.to_ready().says(1, RED_RED)
-    assert officials.is_refused('GREEN_GREEN').endswith(
-        'kart 1 (Ohm): stopped itself; take it out of the race, or start again from IN_GARAGE.'
-    )
-    officials.acknowledge(1)
-    officials.does('GREEN_GREEN')
-    officials.acknowledge(2)
-    officials.says(1, RED_RED)
+    two_programs_connect(officials)
+    assert officials.alerts() == {
+        AlertKind.TWO_PROGRAMS: (
+            'Two programs keep connecting as kart 1 (Ohm): have the team stop one of them'
+        )
+    }
+    assert all(event.chatter for event in officials.connect(1).events)
+
+
+def test_a_kart_that_stops_itself_is_an_alert_that_says_so(officials: Officials) -> None:
+    officials.to_green().says(1, RED_RED)
     officials.wait(30.0)
-    alert = officials.alerts()[AlertKind.GREEN_UNACKNOWLEDGED]
-    assert alert == 'Kart 1 (Ohm) stopped itself while being sent GREEN_GREEN'
-    officials.does('ALL_KILL')
-    assert officials.race.karts[1].may_be_moving
+    assert officials.alerts() == {
+        AlertKind.GREEN_UNACKNOWLEDGED: 'Kart 1 (Ohm) stopped itself while being sent GREEN_GREEN'
+    }
 
 
 @pytest.mark.parametrize(('age', 'said'), [(0.0, ''), (3.0, ''), (65.4, 'pressed 65 s ago')])
@@ -845,13 +836,10 @@ def test_a_stop_that_was_pressed_long_ago_says_so_wherever_it_is_named(
 ) -> None:
     officials.to_green().wait(1.0)
     kart = 1 if CATALOGUE[kind].to_one_kart else 0
-    command = Command(kind, kart, statement=True, official='Anna', age=age)
-    outcome = officials.race.command(command, officials.now)
-    assert outcome.answer is not None
-    assert outcome.answer.success
-    message = outcome.answer.message
+    outcome = officials.does(kind.name, kart, official='Anna', age=age)
+    message = outcome.events[0].text
     assert message.endswith(f' {kind.value} was {said}.') if said else 'pressed' not in message
-    assert outcome.events[0].text == message
+    assert outcome.answer == Answer(True, message)
     cause = officials.race.karts[1].hold_reason if kart else officials.race.state_cause
     by = 'RED_RED' if kind is CommandKind.KART_RED_RED else 'RED_FLAG' if kart else kind.value
     assert cause == (f'{by} by Anna, {said}' if said else f'{by} by Anna')
