@@ -418,7 +418,7 @@ def _red(kart: Any) -> bool:
 
 def _nobody(view: View, facts: Facts) -> bool:
     """Return whether nobody is there any more who could stop this race."""
-    return facts.met and not view.there.able
+    return facts.met and not view.there.able_to_stop
 
 
 def is_abandoned(view: View, facts: Facts, given: Input, now: float, times: Any) -> bool:
@@ -871,8 +871,8 @@ def learn(before: View, facts: Facts, given: Input, after: View, now: float) -> 
     saved = saved or after.state is not GRID_ACTIVE
     if given.what == 'there':
         met = met or given.statement
-        left = now if before.there.able and not given.statement else left
-    met = bool(before.there.able) if gridded else met
+        left = now if before.there.able_to_stop and not given.statement else left
+    met = bool(before.there.able_to_stop) if gridded else met
     if given.kind == 'SET_HEAT' and heat is not None:
         heat = given.heat
     karts = []
@@ -1601,7 +1601,7 @@ class Search:
             view.record_fails,
             max(view.paused_until - now, 0.0),
             facts.saved and state is GRID_ACTIVE,
-            view.there.able,
+            view.there.able_to_stop,
             missed and (max(facts.left + self.times.nobody_there - now, 0.0),),
             facts.heat,
         )

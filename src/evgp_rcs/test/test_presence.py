@@ -53,14 +53,14 @@ def test_a_fault_that_lasts_counts_as_silence_and_one_that_is_over_does_not(
     presences: Presences,
 ) -> None:
     presences.hear(Word(fault='race control is not found yet'), 10.0)
-    assert presences.attendance(10.0).able == 0
+    assert presences.attendance(10.0).able_to_stop == 0
     presences.hear(Word(), 10.0)
     presences.hear(Word(fault='race control is gone'), 11.0)
-    assert presences.attendance(11.9).able == 1
+    assert presences.attendance(11.9).able_to_stop == 1
     presences.hear(Word(fault='race control is gone'), 11.9)
-    assert presences.attendance(12.0).able == 0
+    assert presences.attendance(12.0).able_to_stop == 0
     presences.hear(Word(), 12.5)
-    assert presences.attendance(12.5).able == 1
+    assert presences.attendance(12.5).able_to_stop == 1
 
 
 @pytest.mark.parametrize('word', [Word(program=TIMEKEEPER), Word(official=TIMEKEEPER)])
@@ -68,7 +68,7 @@ def test_the_timekeeper_never_counts(presences: Presences, word: Word) -> None:
     presences.hear(word, 10.0)
     assert presences.attendance(10.0) == (0, '', '')
     presences.hear(Word(official='Anna'), 10.0)
-    assert presences.attendance(10.0).able == 1
+    assert presences.attendance(10.0).able_to_stop == 1
 
 
 def test_a_button_with_a_fault_is_told_until_it_works_again(presences: Presences) -> None:
@@ -106,7 +106,7 @@ def test_of_too_many_programs_those_that_came_first_are_heard(presences: Presenc
     for number in range(MOST_PROGRAMS):
         assert presences.hear(Word(str(number)), 10.0)
     assert not presences.hear(Word('one more'), 11.0)
-    assert presences.attendance(11.0).able == MOST_PROGRAMS
+    assert presences.attendance(11.0).able_to_stop == MOST_PROGRAMS
     assert presences.hear(Word('one more'), 12.0)
 
 
@@ -129,12 +129,12 @@ def test_whatever_is_said_what_is_told_is_short_and_nobody_counts_who_was_silent
         now += step
         presences.hear(word, now)
         found = presences.attendance(now)
-        assert (found.able > 0) == bool(found.who)
-        assert len(found.who) < 300
+        assert (found.able_to_stop > 0) == bool(found.who_can_stop)
+        assert len(found.who_can_stop) < 300
         assert len(found.button_fault) < 1000
-        assert found.who.isprintable()
+        assert found.who_can_stop.isprintable()
         assert found.button_fault.isprintable()
-    assert not presences.attendance(now + SILENT_AFTER + 0.001).able
+    assert not presences.attendance(now + SILENT_AFTER + 0.001).able_to_stop
 
 
 def test_buttons_that_are_gone_keep_no_window_from_being_heard(presences: Presences) -> None:

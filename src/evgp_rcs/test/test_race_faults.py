@@ -537,11 +537,11 @@ a race is stopped as soon as nobody is there: effect, sent-wrong [people in gree
 a race is stopped though that is turned off: effect, sent-wrong [nobody told] tick: limit is =>
     since is not None and now >= since + limit
 a race is stopped for nobody where nobody ever was: nobody-there [people in green] attended: always
-    able self
+    able_to_stop self
 a screen that is back does not count: nobody-there [people in green] attended: skips nobody_since
     None
 to hear again that nobody is there begins the time again: nobody-there [people in green] attended:
-    able self => it or self.nobody_since is not None
+    able_to_stop self => it or self.nobody_since is not None
 that nobody was there before the race stops it: nobody-there [a race after one without people]
     _grid_active: skips nobody_since
 a screen that goes stops the race at once: there-acts [people in green] attended: after

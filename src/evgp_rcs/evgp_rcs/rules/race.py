@@ -217,14 +217,10 @@ class Answer:
 
 
 class Attendance(NamedTuple):
-    """
-    The programs in contact with race control from which an official can stop the race.
+    """The programs from which an official can stop the race; `Race.msg` explains the fields."""
 
-    In `Race.msg`, ``able`` is called `able_to_stop`, and ``who`` is called `who_can_stop`.
-    """
-
-    able: int = 0
-    who: str = ''
+    able_to_stop: int = 0
+    who_can_stop: str = ''
     button_fault: str = ''
 
 
@@ -949,9 +945,9 @@ class Race:
 
     def attended(self, there: Attendance, now: float) -> Outcome:
         """Record the programs from which officials can now stop the race."""
-        if there.able:
+        if there.able_to_stop:
             self.nobody_since = None
-        elif self.there.able:
+        elif self.there.able_to_stop:
             self.nobody_since = now
         self.there = there
         return self._outcome()

@@ -191,9 +191,7 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
         heats=race.heats,
         heat=race.heat,
         reading=race.reading,
-        able_to_stop=race.there.able,
-        who_can_stop=race.there.who,
-        button_fault=race.there.button_fault,
+        **race.there._asdict(),
     )
 
 
