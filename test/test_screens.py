@@ -6,8 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-import csv
-import io
 import itertools
 import pathlib
 import random
@@ -18,7 +16,6 @@ from evgp_node.codec import message_of, value_of
 from evgp_node.results import Act, Corrected, Correction, Standings, Status
 from evgp_node.roster import Format, Heat
 from evgp_protocol.states import RaceState
-from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.ros.messages import events_message
 from evgp_rcs.rules import race as rules
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
@@ -33,7 +30,7 @@ from evgp_timing.desk import Desk, Roster
 from evgp_timing.laps import LapSettings
 from evgp_timing.timekeeper import told_of
 import pytest
-from recorded_races import PaperRace, tables
+from recorded_races import PaperRace, report, rows_of, tables
 from recorded_races import timed as keep_results
 
 TEAMS = {1: 'Purdue', 2: 'Toledo', 3: 'Michigan', 4: 'Kennesaw State'}
@@ -175,9 +172,9 @@ def test_window_terminal_and_board_say_of_a_race_what_its_messages_say() -> None
 
 @pytest.mark.parametrize('seed', range(12))
 def test_report_and_table_say_of_a_race_what_the_screens_said_of_it_last(
-    seed: int, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+    seed: int, tmp_path: pathlib.Path
 ) -> None:
-    record, page = tmp_path / 'record.sqlite3', tmp_path / 'report.html'
+    record = tmp_path / 'record.sqlite3'
     last: list[Timed] = []
     for timed, ends in moments(random.Random(seed), 300):
         timed.hear()
@@ -185,8 +182,7 @@ def test_report_and_table_say_of_a_race_what_the_screens_said_of_it_last(
             keep_results(timed.paper.write(record), *timed.said.values())
             last.append(timed)
 
-    assert rcs_record(['results', '--all', str(record)]) == 0
-    written = [*csv.DictReader(io.StringIO(capsys.readouterr().out))]
+    written = rows_of(record, '--all')
     for run_number, timed in enumerate(last, 1):
         rows = [row for row in written if row['run'] == str(run_number)]
         newest = max((int(row['race']) for row in rows), default=0)
@@ -204,9 +200,7 @@ def test_report_and_table_say_of_a_race_what_the_screens_said_of_it_last(
                 assert int(row['place'] or 0) == kart.place
                 assert int(row['laps'] or 0) == kart.laps
                 assert row['heat'] == found.heat
-        assert rcs_record(['report', '--run', str(run_number), '-o', str(page), str(record)]) == 0
-        capsys.readouterr()
-        html = page.read_text()
+        html = report(record, '--run', str(run_number))
         assert [row[:2] for each in tables(html, 'order') for row in each] == [
             [f'{row["finish"]}.' if row['finish'] else '-', f'Kart {row["kart"]} ({row["team"]})']
             for row in rows

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 import contextlib
+import csv
 import dataclasses
 import itertools
 import pathlib
@@ -20,8 +21,9 @@ from evgp_node.stream import Began, Block, Gap, Stream
 from evgp_node.stream_file import blocks_of, BOOK, SCHEMA_VERSION
 from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
+from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record.report.model import Account, Happened
-from evgp_rcs.record.runs import Kept, open_runs
+from evgp_rcs.record.runs import DONE, Kept, open_runs
 from evgp_rcs.record.store import PROGRAM, Record, rules_version, Session
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
@@ -225,6 +227,32 @@ def named(event: Happened | None) -> str:
     """Return what an event is about: its command, or its kind."""
     assert event is not None
     return (event.event.command or event.event.kind).name
+
+
+TEAMS = {7: 'Purdue', 8: 'Michigan', 9: 'Kennesaw'}
+
+
+def three_karts(*heats: Heat) -> PaperRace:
+    """Return a race with three karts, all connected."""
+    paper = PaperRace(TEAMS, heats)
+    paper.connect(*TEAMS)
+    paper.wait(1.0)
+    return paper
+
+
+def report(record: pathlib.Path, *arguments: str, code: int = DONE) -> str:
+    """Return the report of a record; empty if there is none."""
+    page = record.with_name('report.html')
+    assert rcs_record(['report', str(record), '-o', str(page), *arguments]) == code
+    return page.read_text(encoding='utf-8') if page.exists() else ''
+
+
+def rows_of(record: pathlib.Path, *arguments: str) -> list[dict[str, str]]:
+    """Return the rows of the results of a record."""
+    table = record.with_name('results.csv')
+    assert rcs_record(['results', str(record), '-o', str(table), *arguments]) == DONE
+    with table.open(encoding='utf-8', newline='') as stream:
+        return [*csv.DictReader(stream)]
 
 
 def tables(page: str, kind: str) -> list[list[list[str]]]:

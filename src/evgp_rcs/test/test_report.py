@@ -7,9 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
-import csv
 import hashlib
-import io
 import pathlib
 import random
 import re
@@ -34,7 +32,6 @@ from evgp_node.stream_file import BOOK
 from evgp_protocol.clock import duration
 from evgp_protocol.link import GRADES
 from evgp_protocol.states import RaceState
-from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record.report import wording
 from evgp_rcs.record.report.command import seconds_of
 from evgp_rcs.record.report.drawing import drawing, NAMES, WIDTH
@@ -52,21 +49,27 @@ from evgp_rcs.record.runs import DONE, open_runs, PARTLY, UNREADABLE, Unreadable
 from evgp_rcs.record.store import Record
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import Event, EventKind, Heat, LastRun
+from evgp_rcs.rules.race import Event, EventKind, LastRun
 import pytest
-from recorded_races import change_event, edit, named, PaperRace, tables, timed
+from recorded_races import (
+    change_event,
+    edit,
+    named,
+    PaperRace,
+    report,
+    rows_of,
+    tables,
+    TEAMS,
+    three_karts,
+    timed,
+)
 
 RED_FLAG, RED_RED = RaceState.RED_FLAG.name, RaceState.RED_RED.name
-TEAMS = {7: 'Purdue', 8: 'Michigan', 9: 'Kennesaw'}
 
 
 @pytest.fixture
 def paper() -> PaperRace:
-    """Return a race with three karts, all connected."""
-    race = PaperRace(TEAMS, [Heat('Heat A', (7, 8, 9)), Heat('Heat B', (7, 8, 9))])
-    race.connect(*TEAMS)
-    race.wait(1.0)
-    return race
+    return three_karts()
 
 
 def account_of(path: pathlib.Path) -> Account:
@@ -276,8 +279,8 @@ def test_every_lost_connection_of_a_race_is_counted(
     paper.connect(9)  # it pushes the first one out, which no input says
     account = paper.account()
     assert account.lost == 3
-    results = account.results(account.races[0])
-    why = {result.kart: result.out.why for result in results if result.out}
+    of_race = account.results(account.races[0])
+    why = {result.kart: result.out.why for result in of_race if result.out}
     assert why == {7: Why.LOST, 8: Why.LOST, 9: Why.LOST}
     page = report(paper.write(tmp_path / 'record.sqlite3'))
     assert 'it lost its connection' in page
@@ -486,12 +489,6 @@ def written(paper: PaperRace, tmp_path: pathlib.Path) -> pathlib.Path:
     return paper.write(tmp_path / 'record.sqlite3')
 
 
-def report(record: pathlib.Path, *arguments: str, code: int = DONE) -> str:
-    page = record.with_name('report.html')
-    assert rcs_record(['report', str(record), '-o', str(page), *arguments]) == code
-    return page.read_text(encoding='utf-8') if page.exists() else ''
-
-
 @pytest.mark.parametrize('is_in_order', [True, False])
 def test_that_a_run_ended_in_good_order_is_what_its_events_say(
     written: pathlib.Path, is_in_order: bool
@@ -575,12 +572,11 @@ def test_a_race_has_the_results_of_the_timekeeper_its_lap_times_and_its_lap_char
 
 
 def test_a_disqualified_winner_has_no_place_in_the_table_either(
-    paper: PaperRace, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+    paper: PaperRace, tmp_path: pathlib.Path
 ) -> None:
     drive_and_stop(paper)
     record = timed(paper.write(tmp_path / 'record.sqlite3'), LAPS)
-    assert rcs_record(['results', str(record)]) == 0
-    rows = {row['kart']: row for row in csv.DictReader(io.StringIO(capsys.readouterr().out))}
+    rows = {row['kart']: row for row in rows_of(record)}
     found = {kart: (row['place'], row['finish'], row['result']) for kart, row in rows.items()}
     assert found == {
         '7': ('', '1', 'DISQUALIFIED'),
@@ -622,7 +618,7 @@ def test_a_race_with_more_passings_than_its_results_have_says_so(
 
 
 def test_the_standing_over_all_heats_is_the_newest_for_every_race(
-    paper: PaperRace, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+    paper: PaperRace, tmp_path: pathlib.Path
 ) -> None:
     """A penalty for an earlier race is in its own results and in the standing of all."""
     drive_and_stop(paper)
@@ -637,9 +633,7 @@ def test_the_standing_over_all_heats_is_the_newest_for_every_race(
         trial._replace(race=2, karts=(two,), overall=(one, two._replace(place=2))),
         trial._replace(karts=(penalised,), overall=(two, penalised._replace(place=2))),
     )
-    assert rcs_record(['results', str(record)]) == 0
-    rows = [*csv.DictReader(io.StringIO(capsys.readouterr().out))]
-    found = [(row['race'], row['kart'], row['total'], row['overall']) for row in rows]
+    found = [(row['race'], row['kart'], row['total'], row['overall']) for row in rows_of(record)]
     assert [each for each in found if each[3]] == [
         ('1', '7', '14.000', '2'),
         ('2', '8', '9.000', '1'),
@@ -687,10 +681,8 @@ def test_without_a_book_that_can_be_read_there_is_a_sentence_and_the_order_of_fi
         ['1.', 'Kart 7 (Purdue)'],
         ['2.', 'Kart 8 (Michigan)'],
     ]
-    assert rcs_record(['results', str(record)]) == 0
-    said = capsys.readouterr()
-    assert sentence in said.err
-    assert 'Traceback' not in said.err
+    assert rows_of(record)
+    assert sentence in capsys.readouterr().err
 
 
 def test_an_undone_finish_is_a_correction(paper: PaperRace, tmp_path: pathlib.Path) -> None:

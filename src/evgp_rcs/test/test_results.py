@@ -5,10 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import contextlib
-import csv
-import io
 import pathlib
 import re
 import sqlite3
@@ -17,36 +14,31 @@ from evgp_node.stream import Began
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record.report.model import Result, Why
 from evgp_rcs.record.report.results import COLUMNS, defused
-from evgp_rcs.record.runs import Runs
+from evgp_rcs.record.runs import FAILED, Runs
 from evgp_rcs.record.store import Session
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.inputs import Entry, Recovered
 from evgp_rcs.rules.race import EventKind, Heat, LastRun, StampedEvent
 import pytest
-from recorded_races import edit, named, PaperRace, tables
+from recorded_races import edit, named, PaperRace, report, rows_of, tables, TEAMS, three_karts
 
-TEAMS = {7: 'Purdue', 8: 'Michigan', 9: 'Kennesaw'}
 HEATS = (Heat('Heat A', (7, 8)), Heat('Heat B', (8, 9)), Heat('Heat B again', (8, 9)))
 Capture = pytest.CaptureFixture[str]
 
 
 @pytest.fixture
 def paper() -> PaperRace:
-    """Return a race with three karts, all connected."""
-    race = PaperRace(TEAMS, HEATS)
-    race.connect(*TEAMS)
-    race.wait(1.0)
-    return race
+    return three_karts(*HEATS)
 
 
-def results(paper: PaperRace) -> dict[int, Result]:
+def found(paper: PaperRace) -> dict[int, Result]:
     """Return what became of each starter of the newest race."""
     account = paper.account()
     return {result.kart: result for result in account.results(account.races[-1])}
 
 
 def why(paper: PaperRace) -> dict[int, Why]:
-    return {kart: each.out.why for kart, each in results(paper).items() if each.out is not None}
+    return {kart: each.out.why for kart, each in found(paper).items() if each.out is not None}
 
 
 def race_over(paper: PaperRace) -> None:
@@ -67,12 +59,12 @@ def test_a_finish_that_was_undone_is_none_and_later_places_move_up(paper: PaperR
     paper.command(CommandKind.KART_FINISH, 9)
     paper.command(CommandKind.KART_FINISH, 8)
     paper.command(CommandKind.KART_UNDO_FINISH, 9)
-    assert results(paper)[8].place == 1
+    assert found(paper)[8].place == 1
     paper.wait(10.0)
     paper.command(CommandKind.KART_FINISH, 7)
     paper.command(CommandKind.KART_UNDO_FINISH, 8)
     race_over(paper)
-    assert results(paper)[7].place == 1
+    assert found(paper)[7].place == 1
     # The one was stopped before its finish was undone; the other drove on.
     assert why(paper) == {8: Why.FINISH_UNDONE, 9: Why.RACE_STOPPED}
 
@@ -98,7 +90,7 @@ def test_only_the_first_reason_counts(paper: PaperRace) -> None:
     paper.lose(8)
     paper.command(CommandKind.ALL_KILL)
     assert why(paper) == {7: Why.LOST, 8: Why.STOPPED_ALONE, 9: Why.RACE_STOPPED}
-    out = [each.out for each in results(paper).values() if each.out]
+    out = [each.out for each in found(paper).values() if each.out]
     assert [named(each.event) for each in out] == ['DISCONNECTED', 'KART_RED_FLAG', 'ALL_KILL']
     (race,) = paper.account().races
     assert list(map(named, race.incidents)) == [
@@ -117,7 +109,7 @@ def test_who_is_lost_after_the_race_was_flagged_did_not_finish_because_of_the_fl
     paper.command(CommandKind.KART_RED_RED, 8)
     race_over(paper)
     assert set(why(paper).values()) == {Why.RACE_STOPPED}
-    flags = {each.out.event for each in results(paper).values() if each.out}
+    flags = {each.out.event for each in found(paper).values() if each.out}
     assert [each and each.event.command for each in flags] == [CommandKind.RED_FLAG]
 
 
@@ -129,26 +121,14 @@ def test_a_race_that_race_control_left_was_ended_by_that(paper: PaperRace) -> No
 
 # ----- rcs_record results ---------------------------------------------------------------------
 
-Table = list[dict[str, str]]
-MakeTable = Callable[..., Table]
-
 
 @pytest.fixture
-def table(tmp_path: pathlib.Path, capsys: Capture) -> MakeTable:
-    """Return a function that records a race and returns its results."""
-
-    def make(paper: PaperRace, *arguments: str) -> Table:
-        record = paper.write(tmp_path / 'record.sqlite3')
-        capsys.readouterr()
-        assert rcs_record(['results', str(record), *arguments]) == 0
-        printed = capsys.readouterr().out
-        return list(csv.DictReader(io.StringIO(printed)))
-
-    return make
+def path(tmp_path: pathlib.Path) -> pathlib.Path:
+    return tmp_path / 'record.sqlite3'
 
 
 def test_the_table_has_every_race_heat_by_heat_and_so_has_the_report(
-    paper: PaperRace, table: MakeTable, tmp_path: pathlib.Path
+    paper: PaperRace, path: pathlib.Path
 ) -> None:
     paper.command(CommandKind.SET_HEAT, heat='Heat A')
     paper.drive()
@@ -159,7 +139,8 @@ def test_the_table_has_every_race_heat_by_heat_and_so_has_the_report(
     release(paper)
     paper.drive()
     paper.lose(9)
-    first, second, third, fourth = table(paper)
+    record = paper.write(path)
+    first, second, third, fourth = rows_of(record)
     assert set(first) == set(COLUMNS)
     told = ('run', 'race', 'heat', 'place', 'kart', 'team', 'seconds', 'result', 'complete')
     assert [first[each] for each in told] == [
@@ -175,10 +156,7 @@ def test_the_table_has_every_race_heat_by_heat_and_so_has_the_report(
     assert first['finished'] > first['started']
     lost = next(each for each in paper.stamped if each.event.kind is EventKind.DISCONNECTED)
     assert fourth['event'] == str(lost.sequence)
-    page = tmp_path / 'report.html'
-    record = page.with_name('record.sqlite3')
-    assert rcs_record(['report', str(record), '-o', str(page)]) == 0
-    text = page.read_text(encoding='utf-8')
+    text = report(record)
     assert 'Race 1 (<bdi>Heat A</bdi>)' in text
     assert "Race control's own report: " in text
     order, later = tables(text, 'order')
@@ -192,14 +170,13 @@ def test_the_table_has_every_race_heat_by_heat_and_so_has_the_report(
     ids=['the day', 'all', 'one'],
 )
 def test_the_table_has_the_races_of_every_run_of_the_day(
-    table: MakeTable, tmp_path: pathlib.Path, arguments: tuple[str, ...], runs: list[str]
+    path: pathlib.Path, arguments: tuple[str, ...], runs: list[str]
 ) -> None:
-    record = tmp_path / 'record.sqlite3'
-    for _ in range(2):
+    for _ in range(3):
         paper = PaperRace({7: 'Purdue'})
         paper.connect(7)
         paper.drive()
-        paper.write(record)
+        paper.write(path)
 
     def be_long_ago(entries: list[Entry]) -> None:
         entries[:] = [
@@ -207,9 +184,8 @@ def test_the_table_has_the_races_of_every_run_of_the_day(
             for each in entries
         ]
 
-    edit(record, be_long_ago)
-    rows = table(paper, *arguments)
-    assert [row['run'] for row in rows] == runs
+    edit(path, be_long_ago)
+    assert [row['run'] for row in rows_of(path, *arguments)] == runs
 
 
 def test_a_day_ends_with_hours_without_race_control_and_not_at_midnight(
@@ -224,17 +200,10 @@ def test_a_day_ends_with_hours_without_race_control_and_not_at_midnight(
     assert days == [[0], [1, 2, 3], [1, 2, 3], [1, 2, 3], [4]]
 
 
-def test_the_table_is_written_to_a_file(
-    paper: PaperRace, tmp_path: pathlib.Path, capsys: Capture
-) -> None:
-    paper.drive()
-    record = paper.write(tmp_path / 'record.sqlite3')
-    output = tmp_path / 'results.csv'
-    assert rcs_record(['results', str(record), '--run', '1', '-o', str(output)]) == 0
-    with output.open(encoding='utf-8', newline='') as stream:
-        assert len(list(csv.DictReader(stream))) == 3
-    assert rcs_record(['results', str(record), '-o', str(record / 'no')]) == 1
-    assert str(record / 'no') in capsys.readouterr().err
+def test_a_table_that_cannot_be_written_is_named(path: pathlib.Path, capsys: Capture) -> None:
+    PaperRace(TEAMS).write(path)
+    assert rcs_record(['results', str(path), '-o', str(path / 'no')]) == FAILED
+    assert str(path / 'no') in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -255,13 +224,13 @@ def test_the_table_is_written_to_a_file(
     ],
 )
 def test_a_hostile_team_is_one_cell_that_no_spreadsheet_runs(
-    hostile: str, table: MakeTable
+    hostile: str, path: pathlib.Path
 ) -> None:
     paper = PaperRace({7: hostile, 8: 'Michigan'}, [Heat(hostile, (7, 8))])
     paper.command(CommandKind.SET_HEAT, heat=hostile)
     paper.connect(7, 8)
     paper.drive()
-    first, second = table(paper)
+    first, second = rows_of(paper.write(path))
     assert first['team'] == first['heat'] == defused(hostile)
     assert first['team'].isprintable()
     assert first['team'].lstrip()[0] not in '=+-@\uff1d'
@@ -275,4 +244,4 @@ def test_a_place_from_before_a_crash_is_shown_without_its_time(paper: PaperRace)
     again = PaperRace(TEAMS, HEATS)
     again.feed(Recovered(again.now, paper.race.memory(), LastRun.UNKNOWN))
     assert again.race.karts[9].place == 1
-    assert results(again) == {9: Result(9, place=1)}  # nobody knows who else started
+    assert found(again) == {9: Result(9, place=1)}  # nobody knows who else started
