@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import functools
 import os
-import pathlib
 import shutil
 import subprocess
 import sys
@@ -55,11 +54,3 @@ def _why_no_qt() -> str:
         [sys.executable, '-c', code], capture_output=True, text=True, check=False
     )
     return f'Qt cannot be loaded: {done.stderr.splitlines()[-1]}' if done.returncode else ''
-
-
-def mount(folder: pathlib.Path, size: str) -> None:
-    """Mount a file system of this size, such as 512k, or skip the test, which unmounts it."""
-    words = ['mount', '-t', 'tmpfs', '-o', f'size={size}', 'tmpfs', str(folder)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    if done.returncode:
-        cannot_run(f'a file system cannot be mounted here (not root?): {done.stderr.strip()}')

@@ -278,32 +278,26 @@ def test_of_a_damaged_record_what_can_be_read_is(
         assert 'The record is damaged' in text.partition('<h2>Timeline')[0]
 
 
-def test_a_stream_from_which_a_block_is_missing_says_so(
-    good: pathlib.Path, capsys: Capture
-) -> None:
-    assert rcs_record([str(good), '--run', '2', '--stream']) == 0
-    assert not capsys.readouterr().err
-    DAMAGED_FILES['a block that is garbled'](good)
-    assert rcs_record([str(good), '--run', '2', '--stream']) == PARTLY
-    told = capsys.readouterr()
-    assert told.out
-    assert 'entries are missing' in told.err
-
-
 @pytest.mark.parametrize('harm', DAMAGED_FILES)
-def test_of_a_damaged_record_events_before_and_behind_the_damage_are_shown(
+def test_of_a_damaged_record_events_before_and_behind_the_damage_are_shown_and_a_gap_is_said(
     harm: str, good: pathlib.Path, capsys: Capture
 ) -> None:
     need_program('sqlite3', 'sqlite3')
-    assert rcs_record([str(good)]) == 0
-    whole = capsys.readouterr().out.splitlines()
+    stream = ['--run', '2', '--stream']
+    assert rcs_record([str(good), *stream]) == rcs_record([str(good)]) == 0
+    told = capsys.readouterr()
+    assert not told.err
     DAMAGED_FILES[harm](good)
     assert rcs_record([str(good), '--run', '2']) == PARTLY
     shown = capsys.readouterr().out.splitlines()
     assert len(shown) > 5
     events = [line for line in shown[1:] if 'missing' not in line]
-    assert set(events) <= set(whole)
-    assert harm in CUT_OFF or events[-1] == whole[-1]
+    assert set(events) <= set(told.out.splitlines())
+    assert harm in CUT_OFF or events[-1] == told.out.splitlines()[-1]
+    assert rcs_record([str(good), *stream]) == PARTLY
+    told = capsys.readouterr()
+    assert told.out
+    assert harm in NEEDS_RECOVERY or 'entries are missing' in told.err
 
 
 @pytest.mark.parametrize('harm', NEEDS_RECOVERY)

@@ -12,7 +12,6 @@ import math
 import os
 import pathlib
 import sqlite3
-import subprocess
 import time
 
 from evgp_node.stream import Began, Block
@@ -33,7 +32,7 @@ from evgp_rcs.rules.race import (
     StampedEvent,
 )
 import pytest
-from rig.needs import mount
+from rig.disks import filled, remount, small_disk
 
 RULES = Rules('rules', Setup((), RaceTimes(), (), 0.0))
 HOME = RaceMemory(RaceState.IN_GARAGE, {7: KartMemory(True, False, 0, Doubt.NONE, False)})
@@ -207,33 +206,17 @@ def test_no_start_waits_for_who_reads_the_record_as_a_spare_does(
 
 
 @pytest.fixture
-def small_disk(tmp_path: pathlib.Path) -> Iterator[pathlib.Path]:
-    """Return a file system of 512 KiB."""
-    folder = tmp_path / 'disk'
-    folder.mkdir()
-    mount(folder, '512k')
-    try:
+def disk(tmp_path: pathlib.Path) -> Iterator[pathlib.Path]:
+    with small_disk(tmp_path / 'disk', '512k') as folder:
         yield folder
-    finally:
-        subprocess.run(['umount', '-l', str(folder)], check=True)
 
 
-def filled(disk: pathlib.Path) -> pathlib.Path:
-    """Fill a disk, and return the file that does."""
-    ballast = disk / 'ballast'
-    with pytest.raises(OSError, match='No space left'):
-        ballast.write_bytes(bytes(1 << 20))
-    return ballast
-
-
-def test_a_full_disk_is_said_until_there_is_room_and_no_event_is_lost(
-    small_disk: pathlib.Path,
-) -> None:
-    path = small_disk / 'record.sqlite3'
+def test_a_full_disk_is_said_until_there_is_room_and_no_event_is_lost(disk: pathlib.Path) -> None:
+    path = disk / 'record.sqlite3'
     record = Record(path)
     put(record, event(1))
     assert record.write()
-    ballast = filled(small_disk)
+    ballast = filled(disk)
     count = 1000
     record.put(Batch(1, [event(n, f'event {n} ' + 100 * 'x') for n in range(2, count + 1)]))
     record.remember(RACING)
@@ -249,37 +232,33 @@ def test_a_full_disk_is_said_until_there_is_room_and_no_event_is_lost(
     assert again.left_behind == RACING
 
 
-def test_a_disk_that_turns_read_only_is_said_until_it_can_be_written(
-    small_disk: pathlib.Path,
-) -> None:
-    path = small_disk / 'record.sqlite3'
+def test_a_disk_that_turns_read_only_is_said_until_it_can_be_written(disk: pathlib.Path) -> None:
+    path = disk / 'record.sqlite3'
     record = Record(path)
     put(record, event(1))
     record.remember(RACING)
     record.end()
-    subprocess.run(['mount', '-o', 'remount,ro', str(small_disk)], check=True)
+    remount(disk, 'ro')
     second = Record(path)
     assert second.error == 'read-only file system'
     assert second.left_behind == RACING
     assert texts(path, 1) == ['something']
     put(second, event(1, 'while it could not be written'))
     assert not second.write()
-    subprocess.run(['mount', '-o', 'remount,rw', str(small_disk)], check=True)
+    remount(disk, 'rw')
     second.end()
     assert texts(path, 2) == ['while it could not be written']
 
 
-def test_what_was_written_before_a_record_began_to_fail_is_left_behind(
-    small_disk: pathlib.Path,
-) -> None:
-    path = small_disk / 'record.sqlite3'
+def test_what_was_written_before_a_record_began_to_fail_is_left_behind(disk: pathlib.Path) -> None:
+    path = disk / 'record.sqlite3'
     record = Record(path)
     have_written(record, HOME)
-    ballast = filled(small_disk)
+    ballast = filled(disk)
     record.put(Batch(0, [event(n, f'event {n} ' + 100 * 'x') for n in range(1, 2000)]))
     record.end()
     assert record.error
-    filled(small_disk)
+    filled(disk)
     on_a_full_disk = Record(path)
     on_a_full_disk.end()
     assert on_a_full_disk.error

@@ -25,7 +25,7 @@ from evgp_rcs.record.run_mark import (
 )
 from evgp_rcs.rules.race import LastRun
 import pytest
-from rig.needs import mount
+from rig.disks import filled, remount, small_disk
 
 ENDS = (LastRun.NONE, LastRun.ENDED, LastRun.ENDED_OPEN)
 
@@ -147,31 +147,23 @@ def test_what_is_in_the_place_of_a_mark_proves_nothing_and_is_left_alone(
 
 
 @pytest.fixture
-def small_disk(path: pathlib.Path) -> Iterator[pathlib.Path]:
-    """Return the folder of the marks, on a file system of 64 KiB of its own."""
-    path.parent.mkdir()
-    mount(path.parent, '64k')
-    try:
-        yield path.parent
-    finally:
-        subprocess.run(['umount', '-l', str(path.parent)], check=True)
-
-
-def remount(folder: pathlib.Path, how: str) -> None:
-    subprocess.run(['mount', '-o', f'remount,{how}', str(folder)], check=True)
+def disk(path: pathlib.Path) -> Iterator[pathlib.Path]:
+    """Return the folder of the marks, on a disk of its own."""
+    with small_disk(path.parent, '64k') as folder:
+        yield folder
 
 
 def test_a_mark_that_cannot_be_written_proves_nothing_until_it_can(
-    path: pathlib.Path, small_disk: pathlib.Path
+    path: pathlib.Path, disk: pathlib.Path
 ) -> None:
     run(path, LastRun.ENDED)
-    remount(small_disk, 'ro')
+    remount(disk, 'ro')
     mark = RunMark(path)
     assert mark.last_run is LastRun.UNKNOWN
     assert 'read-only file system' in mark.error
     mark.keep()
     assert mark.error
-    remount(small_disk, 'rw')
+    remount(disk, 'rw')
     mark.keep()
     assert mark.error == ''
     assert path.read_text().strip() == RUN_BEGAN
@@ -192,25 +184,22 @@ def test_a_place_in_memory_is_none_for_a_mark_even_over_one_that_is_on_a_disk(
     folder = path.parent
     monkeypatch.setattr(run_mark, 'FOLDER', folder)
     run(path, LastRun.ENDED)
-    mount(folder, '64k')  # or the test is skipped
-    subprocess.run(['umount', '-l', str(folder)], check=True)
+    with small_disk(folder, '64k'):  # or the test is skipped
+        pass
     subprocess.run(['mount', '--bind', str(folder), str(folder)], check=True)
-    mount(folder.parent, '64k')
     try:
-        mark = RunMark(path)
+        with small_disk(folder.parent, '64k'):
+            mark = RunMark(path)
     finally:
-        for each in (folder.parent, folder):
-            subprocess.run(['umount', '-l', str(each)], check=True)
+        subprocess.run(['umount', '-l', str(folder)], check=True)
     assert mark.last_run is LastRun.UNKNOWN
     assert f'{folder.parent} is in memory' in mark.error
 
 
 def test_a_disk_without_room_for_a_mark_proves_nothing_and_has_none_that_could(
-    path: pathlib.Path, small_disk: pathlib.Path
+    path: pathlib.Path, disk: pathlib.Path
 ) -> None:
-    ballast = small_disk / 'ballast'
-    with pytest.raises(OSError, match='No space left'):
-        ballast.write_bytes(bytes(1 << 20))
+    ballast = filled(disk)
     mark = RunMark(path)
     assert mark.last_run is LastRun.UNKNOWN
     assert 'no space left' in mark.error

@@ -1,0 +1,41 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Small disks, which become full and read-only at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import pathlib
+import subprocess
+
+import pytest
+from rig.needs import cannot_run
+
+
+@contextlib.contextmanager
+def small_disk(folder: pathlib.Path, size: str) -> Iterator[pathlib.Path]:
+    """Have a folder on a file system of its own of this size, such as 512k; or skip the test."""
+    folder.mkdir(exist_ok=True)
+    words = ['mount', '-t', 'tmpfs', '-o', f'size={size}', 'tmpfs', str(folder)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    if done.returncode:
+        cannot_run(f'a file system cannot be mounted here (not root?): {done.stderr.strip()}')
+    try:
+        yield folder
+    finally:
+        subprocess.run(['umount', '-l', str(folder)], check=True)
+
+
+def remount(disk: pathlib.Path, how: str) -> None:
+    """Have a small disk be read-only (ro) or not (rw)."""
+    subprocess.run(['mount', '-o', f'remount,{how}', str(disk)], check=True)
+
+
+def filled(disk: pathlib.Path) -> pathlib.Path:
+    """Fill a small disk, and return the file that does."""
+    ballast = disk / 'ballast'
+    with pytest.raises(OSError, match='No space left'):
+        ballast.write_bytes(bytes(1 << 20))
+    return ballast
