@@ -6,11 +6,13 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import itertools
 import os
 import pathlib
 import sqlite3
 import sys
+import tarfile
 import threading
 import time
 from typing import Any
@@ -56,6 +58,15 @@ def copy(first: pathlib.Path, folder: pathlib.Path) -> float:
 
 def packed(first: pathlib.Path, source: str = '') -> bytes:
     return fetch(source or str(first), 'karts.yaml', 'rcs.yaml', str(first / 'record.sqlite3'))
+
+
+def tarred(first: pathlib.Path) -> bytes:
+    """Return what is fetched while nobody writes, without the program that fetches it."""
+    with io.BytesIO() as packed:
+        with tarfile.open(fileobj=packed, mode='w') as tar:
+            for name in NAMES:
+                tar.add(first / name, name)
+        return packed.getvalue()
 
 
 def record(first: pathlib.Path) -> None:
@@ -111,10 +122,10 @@ def test_what_came_in_part_does_not_take_the_place_of_the_last_copy(
 ) -> None:
     record(first)
     folder = tmp_path / 'spare'
-    copy(first, folder)
+    keep(tarred(first), '', folder)
     before = [(folder / name).read_bytes() for name in NAMES]
     (first / 'karts.yaml').write_text(KARTS.replace('A', 'B'))
-    whole = packed(first)
+    whole = tarred(first)
 
     with pytest.raises(SpareError):
         keep(whole[:cut], '', folder)
@@ -200,7 +211,7 @@ def test_with_a_copy_the_mark_of_this_machine_says_began_and_another_port_is_lef
     (first / 'rcs.yaml').write_text(parameters)
     for each in (name, '4002'):
         RunMark(marks / each).end(LastRun.ENDED)
-    copy(first, tmp_path / 'spare')
+    keep(tarred(first), '', tmp_path / 'spare')
     assert RunMark(marks / name).last_run is LastRun.UNKNOWN
     assert RunMark(marks / '4002').last_run is LastRun.ENDED
 
@@ -212,11 +223,11 @@ def test_without_a_mark_there_is_no_copy(
     record(first)
     with pytest.raises(SpareError):
         (first / 'rcs.yaml').write_text(wrong)
-        copy(first, tmp_path / 'spare')
+        keep(tarred(first), '', tmp_path / 'spare')
     (first / 'rcs.yaml').write_text('{}')
     (marks / '12017').mkdir(parents=True)
     with pytest.raises(SpareError, match='12017'):
-        copy(first, tmp_path / 'spare')
+        keep(tarred(first), '', tmp_path / 'spare')
     assert not (tmp_path / 'spare' / RECORD).exists()
 
 
@@ -227,11 +238,11 @@ def test_the_newest_copy_is_taken_and_after_a_takeover_what_that_has_made_of_it(
     with pytest.raises(SpareError):
         latest()
     record(first)
-    copy(first, spare.copies())
+    keep(tarred(first), '', spare.copies())
     assert latest() == spare.copies()
     taken = spare.copies().rename(spare.copies().with_name('takeover-1'))
     assert latest() == taken
-    copy(first, spare.copies())
+    keep(tarred(first), '', spare.copies())
     assert latest() == spare.copies()
     os.utime(taken / RECORD)
     assert latest() == taken
