@@ -49,14 +49,8 @@ def typed(entries: list[Any]) -> list[tuple[type[Any], Any]]:
     return [(type(each), each) for each in entries]
 
 
-@given(st.lists(ENTRIES))
-def test_what_was_encoded_comes_back_to_the_last_bit(entries: list[Any]) -> None:
-    data = b''.join(map(encode, entries))
-    assert typed(list(decode(data))) == typed(entries)
-
-
 @given(st.lists(ENTRIES, min_size=1), st.data())
-def test_a_log_that_was_cut_into_blocks_comes_back_and_what_is_missing_is_counted(
+def test_a_log_cut_into_blocks_comes_back_to_the_last_bit_and_what_is_missing_is_counted(
     entries: list[Any], data: st.DataObject
 ) -> None:
     log = Log()

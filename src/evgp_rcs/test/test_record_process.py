@@ -18,6 +18,7 @@ from evgp_node.stream import Gap
 from evgp_protocol.states import RaceState
 from evgp_rcs.karts import record_process
 from evgp_rcs.karts.record_process import RecordProcess
+from evgp_rcs.record import run_mark
 from evgp_rcs.record.run_mark import RUN_BEGAN
 from evgp_rcs.record.runs import events_of, open_runs
 from evgp_rcs.record.store import Record, RecordError
@@ -251,7 +252,10 @@ def test_what_no_disk_takes_needs_bounded_memory_and_leaves_a_gap_that_is_seen(
     assert [each.entries for each in entries if isinstance(each, Gap)] == [lost]
 
 
-def test_a_record_that_another_race_control_has_is_refused(path: pathlib.Path) -> None:
+def test_a_record_that_another_race_control_has_is_refused(
+    path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_mark, 'CLAIM_TIMEOUT', 0.1)
     other = Record(path)
     with pytest.raises(RecordError, match='choose another file with the parameter record'):
         RecordProcess(path, path.with_name('mark'))
