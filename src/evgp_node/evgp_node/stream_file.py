@@ -26,6 +26,11 @@ CREATE TABLE block ( -- the streams
 """
 
 
+WRITE_BLOCK = 'INSERT OR REPLACE INTO block VALUES (?, ?, ?)'
+"""Statement that writes a block. A disk that reports a failure may have written the block anyway:
+the next attempt then replaces it."""
+
+
 class OtherFileError(sqlite3.DatabaseError):
     """The file belongs to another program, or to another version. The text says which one."""
 

@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import contextlib
 import dataclasses
+import functools
 import math
 import os
 import pathlib
 import sqlite3
 import time
+from typing import Any, Literal
 
 from evgp_node.stream import Began, Block
 from evgp_node.stream_file import blocks_of, open_for_reading
@@ -266,6 +268,29 @@ def test_what_was_written_before_a_record_began_to_fail_is_left_behind(disk: pat
     again = Record(path)
     again.end()
     assert on_a_full_disk.left_behind == again.left_behind == HOME
+
+
+class Doubtful(sqlite3.Connection):
+    """A disk that takes every transaction, and says each time that it has not."""
+
+    def __exit__(self, *error: Any) -> Literal[False]:
+        super().__exit__(*error)
+        raise sqlite3.OperationalError('disk I/O error')
+
+
+def test_what_a_disk_took_although_it_said_no_is_no_failure_for_ever(
+    begin: Begin, path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as failing:
+        connect = functools.partial(sqlite3.connect, factory=Doubtful)
+        failing.setattr(sqlite3, 'connect', connect)
+        record = begin()
+        put(record, event(1, 'first'))
+        assert not record.write()
+        assert record.error == 'disk I/O error'
+    put(record, event(2, 'second'), first=1)
+    assert record.write(), record.error
+    assert texts(path, 1) == ['first', 'second']
 
 
 @pytest.mark.parametrize('replaced', [False, True])

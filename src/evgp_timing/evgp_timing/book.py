@@ -20,7 +20,7 @@ from typing import get_args, IO
 
 from evgp_node.results import Standings
 from evgp_node.stream import Began, Block, Gap, Stream
-from evgp_node.stream_file import blocks_of, open_for_writing, runs_of
+from evgp_node.stream_file import blocks_of, open_for_writing, runs_of, WRITE_BLOCK
 from evgp_protocol import clock
 from evgp_timing import desk
 
@@ -131,7 +131,7 @@ class Book:
         block = Block(self._entries, b''.join(map(STREAM.encode, new))).compressed()
         try:
             row = self._run, self._blocks + 1, block
-            self._database.execute('INSERT INTO block VALUES (?, ?, ?)', row)
+            self._database.execute(WRITE_BLOCK, row)
         except sqlite3.Error as error:
             self._entries += len(entries)
             raise OSError(f'{self._path} cannot be written: {error}') from error

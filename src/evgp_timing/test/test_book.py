@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
+import functools
 import pathlib
 import sqlite3
 import time
+from typing import Any
 import zlib
 
 from evgp_node.results import BY_HAND, Standings
@@ -196,13 +198,31 @@ def test_a_timekeeper_that_restarted_in_a_race_keeps_its_times_after_a_start_of_
     assert [each - times[0] for each in times] == pytest.approx([0.0, 30.0, 90.0, 95.0, 130.0])
 
 
-def test_a_disk_that_takes_nothing_is_told_and_what_comes_later_is_written(
-    path: pathlib.Path,
+class Doubtful(sqlite3.Connection):
+    """A disk that in doubt takes what it says that it does not take."""
+
+    in_doubt = False
+
+    def execute(self, *given: Any) -> sqlite3.Cursor:
+        done = super().execute(*given)
+        if self.in_doubt:
+            raise sqlite3.OperationalError('disk I/O error')
+        return done
+
+
+@pytest.mark.parametrize('takes_it', [False, True])
+def test_a_disk_that_says_no_is_told_and_what_comes_later_is_written(
+    path: pathlib.Path, takes_it: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    opened = Book(path)
+    with monkeypatch.context() as opening:
+        connect = functools.partial(sqlite3.connect, factory=Doubtful)
+        opening.setattr(sqlite3, 'connect', connect)
+        opened = Book(path)
     opened.write(TOLD)
-    with contextlib.closing(sqlite3.connect(path)) as other:
-        other.execute('BEGIN IMMEDIATE')
+    with contextlib.closing(sqlite3.connect(path)) as other, monkeypatch.context() as failing:
+        failing.setattr(Doubtful, 'in_doubt', takes_it)
+        if not takes_it:
+            other.execute('BEGIN IMMEDIATE')
         with pytest.raises(OSError, match='cannot be written'):
             opened.write(TOLD._replace(sequence=8))
     opened.write(TOLD._replace(sequence=9))

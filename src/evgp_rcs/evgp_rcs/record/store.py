@@ -40,6 +40,7 @@ from evgp_node.stream_file import (
     open_for_writing,
     OtherFileError,
     runs_of,
+    WRITE_BLOCK,
 )
 from evgp_protocol import clock, states
 from evgp_rcs.record.run_mark import claim, in_words
@@ -245,7 +246,7 @@ class Record:
         ]
         with self._database:
             self._database.execute('BEGIN IMMEDIATE')
-            self._database.executemany('INSERT INTO block VALUES (?, ?, ?)', blocks)
+            self._database.executemany(WRITE_BLOCK, blocks)
             if self._memory is not None:
                 row = self._run, written(self._memory)
                 self._database.execute('INSERT OR REPLACE INTO memory VALUES (?, ?)', row)
