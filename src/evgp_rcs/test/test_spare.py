@@ -35,8 +35,8 @@ KARTS = 'karts:\n- {number: 7, team: A, address: 10.0.0.107, in_race: true}\n'
 
 @pytest.fixture
 def first(tmp_path: pathlib.Path) -> pathlib.Path:
-    """Return the folder of race control's machine."""
-    folder = tmp_path / 'first'
+    """Return the folder of race control's machine, with a name that is not simple in a URI."""
+    folder = tmp_path / 'EVGP #1 %20?'
     folder.mkdir()
     (folder / 'karts.yaml').write_text(KARTS)
     (folder / 'rcs.yaml').write_text('/**:\n  ros__parameters:\n    pause: 1.0\n')
@@ -175,7 +175,7 @@ def test_another_machine_is_asked_by_ssh_and_never_for_a_password(
     monkeypatch.setenv('PATH', f'{programs}:{os.environ["PATH"]}')
     monkeypatch.chdir(tmp_path)
     record(first)
-    source = 'anna@10.1.0.5:first'
+    source = f'anna@10.1.0.5:{first.name}'
 
     keep(packed(first, source), source, tmp_path)
 

@@ -57,7 +57,7 @@ _SSH = ('ssh', '-o', 'BatchMode=yes', '-o', 'ConnectTimeout=3', '-o', 'ServerAli
 # This program runs on race control's machine, with the Python there. It works in memory
 # (/dev/shm), so that the record has the disk to itself.
 _PACK = f"""
-import os, sqlite3, sys, tarfile, tempfile
+import os, pathlib, sqlite3, sys, tarfile, tempfile
 *others, record = map(os.path.expanduser, sys.argv[1:])
 with tempfile.TemporaryDirectory(dir='/dev/shm') as folder:
     open(record).close()  # the error of this names the file
@@ -65,7 +65,8 @@ with tempfile.TemporaryDirectory(dir='/dev/shm') as folder:
     for path in (record, os.path.join(os.path.dirname(record), {BOOK!r})):
         if os.path.exists(path):
             copies.append(os.path.join(folder, str(len(copies))))
-            source = sqlite3.connect('file:%s?mode=ro' % os.path.abspath(path), uri=True)
+            of_file = pathlib.Path(path).absolute().as_uri()
+            source = sqlite3.connect(of_file + '?mode=ro', uri=True)
             target = sqlite3.connect(copies[-1])
             source.backup(target)
             target.close()
