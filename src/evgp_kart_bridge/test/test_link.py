@@ -146,26 +146,6 @@ def test_of_all_frames_that_came_together_the_last_alone_is_obeyed(
     assert GREEN_GREEN not in {verdict.state for verdict in running.verdicts[before:]}
 
 
-def test_the_state_is_told_again_and_again(race_control: RaceControl) -> None:
-    running = race_control.start_link()
-    running.obey(race_control.accept(), IN_GARAGE)
-    since = len(running.verdicts)
-    running.wait_for(lambda verdict: len(running.verdicts) >= since + 3)
-    assert {verdict.state for verdict in running.verdicts[since:]} == {IN_GARAGE}
-
-
-def test_an_accepted_acknowledgement_goes_out_and_a_refused_one_does_not(
-    race_control: RaceControl,
-) -> None:
-    running = race_control.start_link()
-    connection = race_control.accept()
-    connection.sendall(encode(GRID_ACTIVE))
-    running.wait_for_state(GRID_ACTIVE)
-    assert running.acknowledge(RED_RED).refusal
-    assert not running.acknowledge(GRID_ACTIVE).refusal
-    assert connection.recv(1024) == encode(GRID_ACTIVE)
-
-
 def test_malformed_frames_are_counted_and_hide_no_valid_one(race_control: RaceControl) -> None:
     running = race_control.start_link()
     race_control.accept().sendall(b'$PARTY;\x00\xff$' + b'x' * 5000 + encode(IN_GARAGE))
