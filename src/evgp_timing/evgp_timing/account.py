@@ -33,7 +33,7 @@ class Trouble(enum.Enum):
     MISSED = "Some passings were not received: the device's numbers have gaps. Check the laps"
     RESTARTED = 'The device restarted, or its clock was set back. Check the laps'
     CLOCK = "The device's clock jumped, or its passings arrived late. Check the lap times"
-    UNCHECKED = 'The device sends no checksums, so transmission errors go unnoticed'
+    UNCHECKED = 'The device sends no checksums. Compare unlikely laps with what you saw'
     REPEATED = 'The device sends some passings more than once. Each counts only once'
     REFUSED = "Some of the device's data cannot be read. Check the cable, kind and baud rate"
 
