@@ -167,7 +167,7 @@ class TimingSource(StrictNode):
             said = self._gone
         elif self._is_silent(now):
             after = self._settings.silent_after
-            said = f'The device has been silent for {after:g} s. Check its plug, power and settings'
+            said = f'The device has been silent for {after:g} s. Check plug, power and settings'
         elif self._stuck:
             said = f'The beam has been broken for {STUCK:g} s. Clear it, or set inverted'
         elif trouble is not None:
