@@ -166,10 +166,10 @@ class Event(Part):
 
     def finishes(self) -> list[msg.RaceEvent]:
         """Return every FINISH that race control has answered since the last `race`."""
-        finish = msg.CommandAvailability.KART_FINISH
+        finish, before = msg.CommandAvailability.KART_FINISH, self._before
         return [
             each
-            for each in self.official.events[self._before :]
+            for each in self.official.events[before:]
             if (each.kind, each.command) == (msg.RaceEvent.COMMAND, finish)
         ]
 
