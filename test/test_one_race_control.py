@@ -178,26 +178,36 @@ def test_an_old_race_control_that_comes_back_beside_a_new_one_ends_and_no_kart_i
     come_back(masters, RaceState.IN_GARAGE, RaceState.GREEN_GREEN, seen=False)
 
 
-@pytest.mark.parametrize('lost', ['the address', 'the interface', 'a moment of the cable'])
+CHANGES = {
+    'the address': (
+        lambda masters: masters.first.ip(f'addr del {RACE_CONTROL}/24 dev eth0'),
+        lambda masters: masters.first.ip(f'addr add {RACE_CONTROL}/24 dev eth0'),
+    ),
+    'a moment of the cable': (
+        lambda masters: masters.switches.ip(
+            'link set first-karts down', 'link set first-karts up'
+        ),
+        lambda masters: None,
+    ),
+    'the interface': (
+        lambda masters: masters.switches.ip('link del first-karts'),
+        lambda masters: masters.cable(masters.first, 'first', RACE_CONTROL),
+    ),
+}
+"""What race control loses of its place on the karts' network, and how that comes back."""
+
+
 def test_a_race_goes_to_red_red_when_its_address_or_its_interface_is_lost_and_is_followed(
-    lost: str, masters: Masters
+    masters: Masters,
 ) -> None:
     control = masters.start(masters.first)
     official = masters.official(masters.first)
-    official.wait_for_connected(*NUMBERS)
-    official.bring_to(RaceState.GRID_ACTIVE, *NUMBERS)
-
-    if lost == 'the interface':
-        masters.switches.ip('link del first-karts')
-    elif lost == 'the address':
-        masters.first.ip(f'addr del {RACE_CONTROL}/24 dev eth0')
-    else:
-        masters.switches.ip('link set first-karts down', 'link set first-karts up')
-    official.wait_for_race(lambda race: state_of(race.state) is RaceState.RED_RED, 'RED_RED')
-    if lost == 'the interface':
-        masters.cable(masters.first, 'first', RACE_CONTROL)
-    elif lost == 'the address':
-        masters.first.ip(f'addr add {RACE_CONTROL}/24 dev eth0')
+    for lost, (lose, give_back) in CHANGES.items():
+        official.wait_for_connected(*NUMBERS)
+        official.bring_to(RaceState.GRID_ACTIVE, *NUMBERS)
+        lose(masters)
+        official.wait_for_race(lambda race: state_of(race.state) is RaceState.RED_RED, lost)
+        give_back(masters)
     official.wait_for_connected(*NUMBERS)
 
     # It goes on asking there.

@@ -13,7 +13,6 @@ from evgp_node.process import IN_THE_WAY
 from evgp_node.qos import latched
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from evgp_testing.fixtures import StartRaceControl
 from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl, settings, write_roster
 from evgp_testing.ros_side import RosSide
@@ -36,7 +35,7 @@ def second(folder: pathlib.Path, domain: int, *arguments: str, **parameters: obj
     return Process('evgp_rcs', 'rcs_node', domain, given, arguments)
 
 
-def test_a_second_race_control_on_this_machine_does_not_start_and_the_first_goes_on(
+def test_a_second_race_control_here_does_not_start_unless_its_name_and_its_port_are_its_own(
     race: WireRace, domain: int, tmp_path: pathlib.Path
 ) -> None:
     runs = f'another race control runs on this machine as /rcs on ROS domain {race.domain}'
@@ -47,16 +46,10 @@ def test_a_second_race_control_on_this_machine_does_not_start_and_the_first_goes
             assert rival.wait() == IN_THE_WAY
         (line,) = rival.output.splitlines()
         assert said in line
+    with second(tmp_path, race.domain, '-r', '__ns:=/junior') as other:
+        other.wait_for_line('listens for')
     race.karts[0].wait_for_frames(10)
     race.official.command('all_kill')
-
-
-def test_race_controls_of_other_names_are_no_rivals(
-    start_race_control: StartRaceControl, tmp_path: pathlib.Path
-) -> None:
-    control = start_race_control(in_race=[1])
-    with second(tmp_path, control.domain, '-r', '__ns:=/junior') as other:
-        other.wait_for_line('listens for')
 
 
 @pytest.mark.own_process

@@ -115,49 +115,31 @@ def test_a_spare_takes_over_and_sends_every_kart_red_red_and_ends_when_the_first
 
 
 @pytest.mark.own_process
-@pytest.mark.parametrize(
-    'cut',
-    [
-        pytest.param('', marks=pytest.mark.long),
-        'first-karts',
-        'first-officials',
-        pytest.param('spare-karts', marks=pytest.mark.long),
-    ],
-)
-def test_nothing_is_taken_over_while_the_first_answers_on_any_network_or_that_is_not_known(
-    cut: str, event: Event, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    control = event.start_first(monkeypatch)
-    event.copy()
-    if cut:
-        event.plug(cut, up=False)
-    if cut == 'spare-karts':
-        control.lose_power()
-
-    takeover = event.take_over()
-
-    assert takeover.wait() == IN_THE_WAY, takeover.output
-    assert len(takeover.output.splitlines()) == 2
-    if cut not in ('first-karts', 'spare-karts'):
-        event.wait_for(RaceState.IN_GARAGE)
-
-
-@pytest.mark.long
-@pytest.mark.own_process
-def test_a_machine_without_race_control_that_still_has_its_power_is_no_dead_one(
+def test_nothing_is_taken_over_while_the_first_may_be_there_on_any_network(
     event: Event, monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path
 ) -> None:
-    """Its race control would start again, or was frozen and goes on."""
+    def refused() -> str:
+        with event.take_over() as takeover:
+            assert takeover.wait() == IN_THE_WAY, takeover.output
+        assert len(takeover.lines) == 2
+        return takeover.lines[1]
+
     control = event.start_first(monkeypatch)
     event.copy()
-    (tmp_path / 'ros' / 'evgp_rcs' / 'spare' / ORIGIN).write_text(FIRST)
-    control.lose_power()
+    refused()
+    event.plug('first-officials', up=False)
+    refused()
+    event.wait_for(RaceState.IN_GARAGE)
+    event.plug('first-officials', up=True)
     event.plug('first-karts', up=False)
-
-    takeover = event.take_over()
-
-    assert takeover.wait() == IN_THE_WAY, takeover.output
-    assert FIRST in takeover.output
+    assert "race control answers on the officials' network" in refused()
+    # Its race control is gone, and would start again, or was frozen and goes on.
+    control.lose_power()
+    (tmp_path / 'ros' / 'evgp_rcs' / 'spare' / ORIGIN).write_text(FIRST)
+    assert FIRST in refused()
+    event.plug('first-officials', up=False)
+    event.plug('spare-karts', up=False)
+    assert 'eth0 is down' in refused()
 
 
 HOLDING = """

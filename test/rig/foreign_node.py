@@ -4,9 +4,9 @@
 """
 A ROS program of anybody, with ROS's own settings: what it finds of a graph, and who answers it.
 
-It runs as a process (``python foreign_node.py seconds``), which looks around for so long, calls
-every command it knows in all the ways that are dangerous, plays race control to the officials, and
-prints what came of it.
+It runs as a process (``python foreign_node.py seconds name ...``). It looks around for so long,
+calls every command it knows in all the ways that are dangerous, plays race control to the
+officials, and prints what came of it.
 """
 
 from __future__ import annotations
@@ -55,16 +55,15 @@ class ForeignNode:
     A running foreign node, in the network of the thread that starts it.
 
     :param environment: what its environment has of ROS and DDS; nothing else does.
-    :param seconds: how long it looks around. It returns early once a call was answered.
+    :param awaits: services and topics of which it hears in the end. It looks around until then, or
+        for `LOOKS_FOR` if there are none.
     """
 
-    def __init__(
-        self, domain: int, environment: Mapping[str, str], seconds: float = LOOKS_FOR
-    ) -> None:
-        self._seconds = seconds
+    def __init__(self, domain: int, environment: Mapping[str, str], *awaits: str) -> None:
+        self._seconds = PATIENCE if awaits else LOOKS_FOR
         own = ('ROS_', 'RMW_', 'FASTRTPS_', 'FASTDDS_', 'CYCLONEDDS_', 'EVGP_')
         self._process = subprocess.Popen(
-            [sys.executable, __file__, str(seconds)],
+            [sys.executable, __file__, str(self._seconds), *awaits],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             text=True,
@@ -86,8 +85,8 @@ class ForeignNode:
         return Findings(**json.loads(printed.splitlines()[-1]))
 
 
-def look_around(seconds: float) -> Findings:
-    """Look, call and listen for so long, or until a call was answered."""
+def look_around(seconds: float, *awaits: str) -> Findings:
+    """Look, call and listen for so long, or until all that is awaited has been heard."""
     from evgp_node.qos import latched
     from evgp_rcs_msgs import msg, srv
     from evgp_testing.official import SERVICES
@@ -149,12 +148,7 @@ def look_around(seconds: float) -> Findings:
                 )
         if after is None and (seen or answered or heard):
             after = time.monotonic() - began
-        # Services are found one by one: these two are looked for by name.
-        if (
-            answered & {'/rcs/all_kill', '/kart_bridge/acknowledge'}
-            and answered == asked
-            and heard
-        ):
+        if awaits and {*awaits} <= answered | heard and answered == asked:
             break
     return Findings(sorted(seen), sorted(answered), sorted(heard), after)
 
@@ -176,5 +170,7 @@ def most_dangerous(kind: Any) -> Any:
 if __name__ == '__main__':
     # Ends one that hangs in DDS, and says where.
     faulthandler.dump_traceback_later(float(sys.argv[1]) + PATIENCE, exit=True)
-    print(json.dumps(dataclasses.asdict(look_around(float(sys.argv[1])))), flush=True)
+    print(
+        json.dumps(dataclasses.asdict(look_around(float(sys.argv[1]), *sys.argv[2:]))), flush=True
+    )
     os._exit(0)
