@@ -133,10 +133,9 @@ fuzz:
 	$(IN_WORKSPACE) python fuzz/run.py $(ARGS)
 
 # If either program dies, it is restarted; a wrong setting or Ctrl-C ends it (evgp_node.restarting).
-# The timekeeper ends with race control, which does not need it; with SROS2 it has its own enclave.
+# The timekeeper ends with race control, which does not need it.
 run:
-	$(IN_WORKSPACE) sh -c 'ROS_SECURITY_ENCLAVE_OVERRIDE=$${ROS_SECURITY_ENCLAVE_OVERRIDE:+/timekeeper} \
-	  setpriv --pdeathsig TERM python -m evgp_node.restarting "$$1" --ros-args \
+	$(IN_WORKSPACE) sh -c 'setpriv --pdeathsig TERM python -m evgp_node.restarting "$$1" --ros-args \
 	  --params-file "$$2" -p "$$3" & shift 3; exec python -m evgp_node.restarting "$$@"' run \
 	  install/evgp_timing/lib/evgp_timing/timekeeper '$(TIMING)' 'roster:=$(ROSTER)' \
 	  install/evgp_rcs/lib/evgp_rcs/rcs_node --ros-args \

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
+import os
 import pathlib
 import signal
 import time
@@ -26,6 +27,7 @@ from evgp_testing.process import Process
 from evgp_testing.race_control import write_roster
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_race import WireRace
+from evgp_timing import timekeeper
 from evgp_timing.corrections import CORRECTIONS
 from evgp_timing.desk import What
 from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS, told_of
@@ -376,3 +378,21 @@ def test_a_command_that_was_refused_says_nothing_of_laps() -> None:
     told = told_of(event, 'run')
     assert told is not None
     assert told.what is What.FINISH
+
+
+@pytest.mark.parametrize(
+    ('given', 'own'),
+    [
+        ('', ''),
+        ('/rcs', '/timekeeper'),
+        ('/event/rcs', '/event/timekeeper'),
+        ('/timekeeper', '/timekeeper'),
+    ],
+)
+def test_with_the_enclave_of_race_control_it_takes_its_own(
+    given: str, own: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('ROS_SECURITY_ENCLAVE_OVERRIDE', given)
+    monkeypatch.setattr(timekeeper, 'run_node', lambda *_: 0)
+    timekeeper.main([])
+    assert os.environ['ROS_SECURITY_ENCLAVE_OVERRIDE'] == own

@@ -24,7 +24,7 @@ from typing import Any
 from evgp_board.server import Server
 from evgp_board.view import Heard, Line, line_of
 from evgp_node.codec import value_of
-from evgp_node.graph import EVERY, keep_to_interface, network_of, where_reachable
+from evgp_node.graph import EVERY, keep_to_interface, network_of
 from evgp_node.parameters import check_address, ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
@@ -84,7 +84,6 @@ class BoardNode(StrictNode):
         self._thread = threading.Thread(target=self._serve, name='server', daemon=True)
         self._thread.start()
         self.get_logger().info(f'The board is at http://{self._address}:{port}/')
-        self.get_logger().info(where_reachable())
 
     def close(self) -> None:
         """End the server and drop every viewer."""

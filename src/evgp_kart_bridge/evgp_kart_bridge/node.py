@@ -34,7 +34,7 @@ from evgp_kart_bridge.link import (
 from evgp_kart_bridge.motion import Motion
 from evgp_kart_bridge.orders import LONGEST_LEASE
 from evgp_kart_bridge.watch import LEASE, LOG_AGAIN, race_state_qos
-from evgp_node.graph import KEEPS_APART, where_reachable
+from evgp_node.graph import KEEPS_APART
 from evgp_node.parameters import check_address, ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
 from evgp_node.qos import DIAGNOSTICS_QOS, latched
@@ -467,7 +467,6 @@ class KartBridge(StrictNode):
             # The bridge is still starting, and nothing is wrong yet.
             if last is None:
                 self.get_logger().info(f'Starting: {obeyed} until {self._peer} sends a state')
-                self.get_logger().info(where_reachable())
         else:
             text = f'{obeyed}: {verdict.reason}'
             now = clock.now()

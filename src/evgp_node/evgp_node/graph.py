@@ -374,7 +374,6 @@ def refuse_open_graph(kart_address: str) -> None:
         each
         for each in reachable_at()
         if EVERY in (each, kart_address)
-        or each == kart_address
         or there.get(each, each) == there.get(kart_address, kart_address)
     ]
     if not meeting:

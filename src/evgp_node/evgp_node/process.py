@@ -19,7 +19,7 @@ import sys
 import traceback
 
 from evgp_node.deadline import end_within
-from evgp_node.graph import bind_graph, GraphError, NotNowError
+from evgp_node.graph import bind_graph, GraphError, NotNowError, where_reachable
 from evgp_node.output import unwaiting_output
 from evgp_node.parameter_files import unreadable
 from evgp_node.parameters import ParameterError, StrictNode
@@ -155,6 +155,7 @@ def _run(
             raise ParameterError(fault)
         join_graph(program, given, always_here=always_here)
         node = make_node(fail)
+        node.get_logger().info(where_reachable())
     except (NotNowError, *obstacles) as error:
         print(f'{name}: {error}', file=sys.stderr)
         return IN_THE_WAY, rclpy.try_shutdown

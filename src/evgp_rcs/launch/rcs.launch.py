@@ -7,8 +7,6 @@ Start race control and the timekeeper: ros2 launch evgp_rcs rcs.launch.py roster
 The timekeeper ends with race control, but race control does not need the timekeeper.
 """
 
-import os
-
 from evgp_node.launching import keep_trying_if_it_was_up
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
@@ -27,16 +25,13 @@ def generate_launch_description() -> LaunchDescription:
         'EVGP_GRAPH_INTERFACE': LaunchConfiguration('officials'),
         'ROS_DOMAIN_ID': LaunchConfiguration('domain_id'),
     }
-    # With SROS2, each has its own enclave, so an override for race control must not apply to both.
-    override = 'ROS_SECURITY_ENCLAVE_OVERRIDE'
-    of_timekeeper = {override: '/timekeeper'} if os.environ.get(override) else {}
     timekeeper = Node(
         package='evgp_timing',
         executable='timekeeper',
         name='timekeeper',
         namespace=[LaunchConfiguration('namespace'), '/rcs'],
         parameters=[LaunchConfiguration('timing_params_file'), roster],
-        additional_env={**environment, **of_timekeeper},
+        additional_env=environment,
         output='screen',
         respawn=True,
         respawn_delay=1.0,

@@ -11,7 +11,6 @@ import itertools
 import os
 import pathlib
 import sqlite3
-import sys
 import tarfile
 import threading
 import time
@@ -274,21 +273,6 @@ def test_once_a_takeover_has_used_the_copy_the_old_machine_is_copied_no_more(
     words = ['--roster', 'karts.yaml', '--params', 'rcs.yaml', '--record']
     assert spare.main([str(first), *words, str(first / 'record.sqlite3')]) == 0
     assert latest() == taken
-
-
-@pytest.mark.parametrize('ours', ['', '/rcs'])
-def test_with_sros2_the_timekeeper_of_a_takeover_has_its_own_enclave(
-    ours: str, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    told = tmp_path / 'told'
-    os.mkfifo(told)
-    program = tmp_path / 'python'
-    program.write_text(f'#!/bin/sh\necho "$ROS_SECURITY_ENCLAVE_OVERRIDE" > {told}\n')
-    program.chmod(0o755)
-    monkeypatch.setattr(sys, 'executable', str(program))
-    monkeypatch.setenv('ROS_SECURITY_ENCLAVE_OVERRIDE', ours)
-    with takeover.timekeeper(tmp_path):
-        assert told.read_text() == ('/timekeeper\n' if ours else '\n')
 
 
 @pytest.mark.parametrize(

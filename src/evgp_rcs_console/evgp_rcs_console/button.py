@@ -18,7 +18,6 @@ import sys
 import threading
 from typing import Any
 
-from evgp_node.graph import where_reachable
 from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_protocol.clock import now
@@ -73,7 +72,6 @@ class StopButton(StrictNode):
             namespace=self.get_namespace(),
             use_global_arguments=False,
         )
-        self.get_logger().info(where_reachable())
         self._ending = threading.Event()
         self._on_failure = on_failure
         self._thread = threading.Thread(target=self._run, name='device', daemon=True)

@@ -19,7 +19,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_node.codec import message_of
-from evgp_node.graph import where_reachable
 from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
 from evgp_node.qos import DIAGNOSTICS_QOS, latched
@@ -92,7 +91,6 @@ class TimingSource(StrictNode):
             f'{self._settings.source}: {self._settings.kind} at {self._settings.device}, '
             f'to {self._passings.topic_name}'
         )
-        self.get_logger().info(where_reachable())
         self.create_timer(1.0, self._tell, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._thread = threading.Thread(target=self._run, name='device', daemon=True)
         self._thread.start()

@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 import dataclasses
 import math
+import os
 import pathlib
 import sys
 import threading
@@ -31,7 +32,6 @@ from typing import Any
 from evgp_node.codec import message_of, value_of
 from evgp_node.entries import OF_TIMEKEEPER
 from evgp_node.folder import rcs_folder
-from evgp_node.graph import where_reachable
 from evgp_node.official import heard, tidy, TIMEKEEPER
 from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node
@@ -218,7 +218,6 @@ class Timekeeper(StrictNode):
         self.create_timer(GATHERED, self._alone(self._take_waiting), clock=steady)
         known = f'with {len(self._desk.races)} races of this event'
         self.get_logger().info(f'The timekeeper keeps its book in {settings.book}, {known}')
-        self.get_logger().info(where_reachable())
 
     def close(self) -> None:
         """Write the current results into the book and close it."""
@@ -438,6 +437,11 @@ def read_settings(node: StrictNode) -> Settings:
 
 def main(args: list[str] | None = None) -> int:
     """Run the timekeeper until SIGINT or SIGTERM and return the exit code of `run_node`."""
+    # Started beside race control, with SROS2, it is given race control's enclave. It has its own.
+    enclave = os.environ.get('ROS_SECURITY_ENCLAVE_OVERRIDE', '')
+    if enclave.endswith('/rcs'):
+        own = f'{enclave.removesuffix("rcs")}timekeeper'
+        os.environ['ROS_SECURITY_ENCLAVE_OVERRIDE'] = own
     refusals, obstacles = (RosterError,), (BookError,)
     return run_node('timekeeper', Timekeeper, args, refusals, obstacles)
 

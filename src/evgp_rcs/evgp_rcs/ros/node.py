@@ -36,7 +36,6 @@ from evgp_node.graph import (
     Inbox,
     refuse_open_graph,
     trouble_of_graph,
-    where_reachable,
 )
 from evgp_node.official import heard, tidy
 from evgp_node.parameters import StrictNode
@@ -209,7 +208,6 @@ class RcsNode(StrictNode):
             f'Race control listens for {len(self._addresses)} karts at '
             f'{self._server.address[0]}, port {self._server.address[1]}'
         )
-        self.get_logger().info(where_reachable())
 
     def close(self) -> None:
         """Send every kart RED_RED, close their connections, and publish the remaining events."""

@@ -109,10 +109,7 @@ def timekeeper(copy: pathlib.Path) -> Iterator[None]:
     python = ['setpriv', '--pdeathsig', 'TERM', sys.executable, '-m', 'evgp_node.restarting']
     command = [sys.executable, '-m', 'evgp_timing.timekeeper', '--ros-args']
     command += ['-p', f'roster:={copy / ROSTER}', '-p', f'book:={copy / BOOK}']
-    # With SROS2, the timekeeper has its own enclave, as with make run.
-    override = 'ROS_SECURITY_ENCLAVE_OVERRIDE'
-    own = {override: '/timekeeper'} if os.environ.get(override) else {}
-    with subprocess.Popen([*python, *command], env={**os.environ, **own}) as program:
+    with subprocess.Popen([*python, *command]) as program:
         try:
             yield
         finally:
