@@ -56,7 +56,6 @@ def test_a_wrong_roster_is_refused_with_each_of_its_faults(refusal: Refusal) -> 
 @pytest.mark.parametrize(
     ('package', 'program', 'given', 'said'),
     [
-        ('evgp_rcs', 'rcs_node', {'beat_rate': 5.0}, 'parameter beat_rate'),
         ('evgp_kart_bridge', 'kart_bridge_node', {}, 'parameter host is missing'),
         ('evgp_timing', 'timekeeper', {'roster': '/nowhere/a.yaml'}, '/nowhere/a.yaml: cannot be'),
         ('evgp_timing', 'timing_source', {'kind': 'p3'}, 'parameter device'),

@@ -11,6 +11,7 @@ import os
 import pathlib
 import re
 import signal
+import socket
 import subprocess
 import sys
 from xml.etree import ElementTree
@@ -351,13 +352,11 @@ def test_a_second_official_sees_and_stops_the_race_from_another_machine_by_the_l
     seen = official('watch --once --wait 30', f'OFFICIALS={OFFICIAL}')
     stopped = official('all-kill --wait 30', f'OFFICIALS={OFFICIAL}')
     elsewhere = official('watch --once --wait 3')
-    wrong = official('watch --once --wait 3', f'OFFICIALS={OFFICIALS}')
 
     assert (seen[0], 'IN GARAGE' in seen[1]) == (0, True), seen[1]
     assert (stopped[0], 'RED RED' in stopped[1]) == (0, True), stopped[1]
     none = 'NO RACE CONTROL YET' in elsewhere[1]
     assert (elsewhere[0], none) == (2, True), elsewhere[1]  # make's own 2
-    assert (wrong[0], f'Name one of: {OFFICIAL}' in wrong[1]) == (2, True), wrong[1]
 
 
 def test_a_node_with_ross_own_settings_on_this_machine_finds_race_control_and_its_bridge(
@@ -412,7 +411,10 @@ def crowd(domain: int, count: int) -> Iterator[None]:
 def test_a_console_reaches_a_race_control_that_started_after_many_other_ros_processes(
     parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
 ) -> None:
-    parts.enter_context(crowd(domain, 33))
+    first = 7410 + 250 * domain
+    for port in range(first, first + 2 * 33):  # those that 33 processes take
+        taken = parts.enter_context(socket.socket(type=socket.SOCK_DGRAM))
+        taken.bind((graph.LOOPBACK, port))
     control = parts.enter_context(RaceControl(tmp_path, domain, [1]))
 
     check_that_an_official_sees(control.domain)
@@ -483,7 +485,7 @@ def test_no_program_starts_on_an_interface_that_is_not_there(
 
     for process in (control, bridge):
         (line,) = process.output.splitlines()
-        assert re.search(r'no interface of this machine has .*10\.1\.0\.5', line)
+        assert re.search(r'no interface of this machine has .*10\.1\.0\.5.*Name one of', line)
 
 
 def race_control(

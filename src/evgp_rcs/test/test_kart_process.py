@@ -202,7 +202,7 @@ def test_record_and_mark_say_whether_the_end_was_in_order_and_red_red_is_sent_la
         if isinstance(message, Happened):
             told += [each.event.kind for each in message.events]
     assert told[-2:] == [EventKind.ENDED, EventKind.DISCONNECTED]
-    half.process.wait(TIMEOUT)
+    assert half.process.wait(TIMEOUT) == 0
     assert [each.event.kind for each in events_of(begin.record)] == told
     with open_runs(begin.record) as runs:
         run = runs.choose(None)
