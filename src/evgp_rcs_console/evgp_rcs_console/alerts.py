@@ -5,17 +5,12 @@
 
 from __future__ import annotations
 
-import array
 from collections.abc import Sequence
-import contextlib
 import html
-import math
 import pathlib
 import shutil
 import sys
-import tempfile
 import textwrap
-import wave
 
 from evgp_node.qt import QtCore, QtWidgets
 from evgp_protocol import clock
@@ -38,38 +33,21 @@ SOUND_AGAIN = 4.0
 PLAYERS = ('pw-play', 'paplay', 'aplay')
 """Programs that can play a sound file, the preferred one first."""
 
-RATE = 22050
-TONES = ((880.0, 0.18), (660.0, 0.18), (880.0, 0.18))
-"""Frequency (Hz) and length (s) of each tone of the alarm."""
+SOUND = pathlib.Path(__file__).with_name('alarm.wav')
+"""The alarm: three tones of 880, 660 and 880 Hz, 0.18 s each."""
 
 
 class Alarm:
     """
     Plays the alarm in the background, again and again while there is a reason.
 
-    If there is no player, or no room for the sound, the system's bell rings instead. Many machines
-    have it turned off.
+    If there is no player, the system's bell rings instead. Many machines have it turned off.
     """
 
     def __init__(self) -> None:
         self.muted = False
         self._sounded_at = 0.0
-        self._parts = contextlib.ExitStack()
         self._player = next(filter(None, map(shutil.which, PLAYERS)), None)
-        samples = array.array('h')
-        for frequency, length in TONES:
-            turns = (2 * math.pi * frequency * n / RATE for n in range(int(RATE * length)))
-            samples.extend(int(24000 * math.sin(turn)) for turn in turns)
-        try:
-            folder = self._parts.enter_context(tempfile.TemporaryDirectory(prefix='rcs_gui-'))
-            self._file = pathlib.Path(folder, 'alarm.wav')
-            with wave.open(str(self._file), 'wb') as out:
-                out.setnchannels(1)
-                out.setsampwidth(2)
-                out.setframerate(RATE)
-                out.writeframes(samples.tobytes())
-        except OSError:  # the disk is full: the window must open, so the bell must do
-            self._player = None
 
     def sound_soon(self) -> None:
         """Let the next ``look`` sound the alarm at once, if there is a reason to."""
@@ -87,10 +65,7 @@ class Alarm:
         if self._player is None:
             QtWidgets.QApplication.beep()
         else:
-            QtCore.QProcess.startDetached(self._player, [str(self._file)])
-
-    def close(self) -> None:
-        self._parts.close()
+            QtCore.QProcess.startDetached(self._player, [str(SOUND)])
 
 
 def page(notices: Sequence[Notice], at: float, sentences: int, most: int = sys.maxsize) -> str:

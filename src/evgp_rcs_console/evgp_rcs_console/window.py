@@ -354,7 +354,6 @@ class ConsoleWindow(QtWidgets.QWidget):
 
     def closeEvent(self, event: QtGui.QCloseEvent) -> None:  # noqa: N802 - Qt's name
         self._timer.stop()
-        self.alerts.alarm.close()
         super().closeEvent(event)
 
 

@@ -6,13 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-import errno
 import importlib
 import itertools
 import os
 import pathlib
 import re
-import tempfile
 import time
 from typing import Any
 
@@ -671,13 +669,8 @@ def test_day_and_night_are_remembered(opened: Any, tmp_path: pathlib.Path) -> No
 
 
 def test_alerts_that_ended_are_one_line_and_do_not_follow_into_the_next_race(
-    opened: Any, monkeypatch: pytest.MonkeyPatch
+    console: Console,
 ) -> None:
-    def no_room(**_: str) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(tempfile, 'TemporaryDirectory', no_room)  # for the sound
-    console = opened()
     console.tell(race_of(2, alerts=(alert(1), alert(2))))
     assert 'USE THE MSR' in console.text('banner')
     assert texts.USE_MSR in console.says(1)
