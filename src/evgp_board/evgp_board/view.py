@@ -177,7 +177,7 @@ def kart(heard: Heard, number: int) -> Shown:
     cells = {
         'Place': str(place) if place else '',
         'Laps': f'{laps} of {own.laps}' if own.laps else str(laps),
-        'Last lap': lap_time(result.lap_times[-1] if laps else None),
+        'Last lap': lap_time(result.last),
         'Best': lap_time(result.best),
         'Link': ', '.join(filter(None, quality)) if found.connected else 'none',
         'Slowest answer': milliseconds(found.link.worst_answer),
@@ -257,7 +257,7 @@ def _gap(result: KartResult, results: Standings) -> str:
     if not result.laps and not result.place:
         return ''
     if results.format is Format.PRACTICE:
-        return lap_time(result.lap_times[-1] if result.lap_times else None)
+        return lap_time(result.last)
     gap = results.behind(result.kart) if results.format is Format.RACE else ''
     return gap or lap_time(result.total)
 

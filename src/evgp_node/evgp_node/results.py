@@ -128,6 +128,11 @@ class KartResult(NamedTuple):
         """Return the kart's best lap time, in seconds; None if the kart has no lap."""
         return min(self.lap_times, default=None)
 
+    @property
+    def last(self) -> float | None:
+        """Return the kart's last lap time, in seconds; None if the kart has no lap."""
+        return next(reversed(self.lap_times), None)
+
 
 class Judged(NamedTuple):
     """A passing and how the timekeeper judged it, as in `JudgedPassing.msg`."""

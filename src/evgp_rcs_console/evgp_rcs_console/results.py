@@ -32,8 +32,7 @@ def has_crossed(results: Standings, number: int) -> bool:
 
 def _row(kart: KartResult, team: str) -> tuple[str, ...]:
     notes = [*filter(None, [STATUS[kart.status]]), *map(str, kart.penalties)]
-    last = next(iter(kart.lap_times[-1:]), None)
-    times = map(lap_time, (kart.total, last, kart.best))
+    times = map(lap_time, (kart.total, kart.last, kart.best))
     place = f'{kart.place}.' if kart.place else ''
     return place, str(kart.kart), team, str(kart.laps), *times, '; '.join(notes)
 

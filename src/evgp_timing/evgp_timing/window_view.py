@@ -133,7 +133,7 @@ def rows(results: Standings, teams: Mapping[int, str]) -> list[Row]:
                 lap_time(kart.total),
                 results.behind(kart.kart),
                 lap_time(kart.best),
-                lap_time(next(iter(kart.lap_times[-1:]), None)),
+                lap_time(kart.last),
                 '; '.join(filter(None, (_status(kart), *map(str, kart.penalties)))),
             ),
             bool(kart.penalties),
