@@ -104,7 +104,7 @@ def board(heard: Heard) -> Shown:
                 'tone': tone,
             }
         )
-    heats, heat = [*race.heats], race.heat_in_race
+    heats, heat, kind = [*race.heats], race.heat_in_race, results.about.capitalize()
     done = sum(kart.place > 0 for kart in karts.values())
     following = heats.index(heat) + 1 if heat else len(heats)
     sub = [f'{done} of {len(karts)} finished'] if done else []
@@ -114,7 +114,7 @@ def board(heard: Heard) -> Shown:
         sub.append('official results' if results.published else 'provisional')
     return {
         **_frame(heard),
-        'title': ' · '.join(filter(None, [heat.name if heat else '', results.about.capitalize()])),
+        'title': f'{heat.name} · {kind}' if heat else kind,
         'sub': ' · '.join(
             [*sub, *(f'next: {each.name}, {_karts(each.karts)}' for each in heats[following:][:1])]
         ),
@@ -127,6 +127,7 @@ def results(heard: Heard) -> Shown:
     """Return the content of ``/results``: the results of the race that was started last."""
     results, race = heard.results, heard.race or NOTHING
     teams = {each.number: each.team for each in race.karts}
+    title = ' · '.join(filter(None, [results.heat, results.about]))
     sub = 'Provisional: they can change until the timekeeper publishes them'
     if results.published:
         sub = 'Official results'
@@ -134,11 +135,7 @@ def results(heard: Heard) -> Shown:
         sub += ' · the timekeeper is silent, so they may be out of date'
     return {
         **_frame(heard),
-        'title': (
-            ' · '.join(filter(None, [results.heat, results.about]))
-            if results.karts
-            else 'No results yet'
-        ),
+        'title': title if results.karts else 'No results yet',
         'sub': sub,
         'columns': ['Laps', 'Total', 'Best'],
         'rows': [
