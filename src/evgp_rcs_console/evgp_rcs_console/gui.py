@@ -51,7 +51,7 @@ def _open(on_window: Callable[[Any], object], application: Any) -> Callable[[], 
     inbox = Inbox()
 
     def say(sentence: str) -> str:
-        return inbox.names.in_text(spoken(sentence))
+        return inbox.names.in_text(spoken(sentence)) if sentence else ''
 
     client = Client('rcs_gui', inbox, there='rcs_gui', say=say)
     meaning = 'Official at this window; empty: the saved name, or one chosen in the window.'

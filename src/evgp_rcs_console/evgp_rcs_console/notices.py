@@ -232,9 +232,9 @@ class OfficialNames:
 
     def in_text(self, text: str) -> str:
         """Return a sentence from race control with each official named as on the screen."""
-        claims = self._claims.values() if ' by ' in text else ()
-        for claim in itertools.chain(*claims):
-            text = text.replace(f' by {claim}', f' by {self.called(claim)}')
+        if ' by ' in text:
+            for claim in itertools.chain(*self._claims.values()):
+                text = text.replace(f' by {claim}', f' by {self.called(claim)}')
         return text
 
 

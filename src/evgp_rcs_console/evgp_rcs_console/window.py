@@ -16,7 +16,6 @@ from evgp_node.qt import QtCore, QtGui, QtWidgets
 from evgp_node.results import Standings
 from evgp_protocol import clock
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import Answer, StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import Cell, time_of_day, Tone
@@ -216,11 +215,7 @@ class ConsoleWindow(QtWidgets.QWidget):
             race, at, two = self._waiting.popleft()
             self._latest.take_race(race, at, two)
             self.alerts.take_race(race, two)
-            if not changed and shown is not None and shown.danger is None:
-                before = _without_measurements(shown.snapshot, shown.heard)
-                changed = before != _without_measurements(race, self._latest.results)
-            else:
-                changed = True
+            changed = changed or not _is_shown(race, self._latest.results, shown)
         if changed:
             self.refresh()  # if only figures have changed, they can wait for `look`
 
@@ -357,9 +352,15 @@ class ConsoleWindow(QtWidgets.QWidget):
         super().closeEvent(event)
 
 
-def _without_measurements(race: Snapshot, results: Standings | None) -> object:
-    """Return a snapshot and results without times or link figures."""
-    results = None if results is None else results._replace(stamp=0.0)
-    links = (NOT_MEASURED._replace(grade=kart.link.grade) for kart in race.karts)
-    karts = [kart._replace(link=link) for kart, link in zip(race.karts, links, strict=True)]
-    return race._replace(stamp=0.0, karts=()), karts, results
+def _is_shown(race: Snapshot, results: Standings | None, on: Screen | None) -> bool:
+    """Return whether a screen shows this race already, apart from times and link figures."""
+    if on is None or on.danger is not None or len(race.karts) != len(on.snapshot.karts):
+        return False
+    karts = tuple(
+        kart._replace(link=old.link) if kart.link.grade is old.link.grade else kart
+        for kart, old in zip(race.karts, on.snapshot.karts, strict=True)
+    )
+    if results is not None and on.heard is not None:
+        results = results._replace(stamp=on.heard.stamp)
+    same_race = race._replace(stamp=on.snapshot.stamp, karts=karts) == on.snapshot
+    return same_race and results == on.heard
