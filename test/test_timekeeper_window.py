@@ -257,30 +257,16 @@ def event(parts: contextlib.ExitStack, domain: int) -> Event:
 
 
 @pytest.fixture
-def look(
-    application: Any, event: Event, parts: contextlib.ExitStack, domain: int
-) -> Callable[[], Window]:
-    """Return a function that has the event be heard, and opens the window with its client."""
-
-    def open_() -> Window:
-        event.spin()
-        context = Context()
-        with bound():
-            rclpy.init(context=context, domain_id=domain)
-            client = window.Client(context=context, use_global_arguments=False)
-        parts.callback(rclpy.try_shutdown, context=context)
-        parts.callback(client.close)
-        return parts.enter_context(
-            contextlib.closing(Window(application, client.give, client.take))
-        )
-
-    return open_
-
-
-@pytest.fixture
-def seen(look: Callable[[], Window]) -> Window:
-    """Return the window; it need not see a timekeeper yet."""
-    return look()
+def seen(application: Any, event: Event, parts: contextlib.ExitStack, domain: int) -> Window:
+    """Return the window with its client; it need not see a timekeeper yet."""
+    event.spin()
+    context = Context()
+    with bound():
+        rclpy.init(context=context, domain_id=domain)
+        client = window.Client(context=context, use_global_arguments=False)
+    parts.callback(rclpy.try_shutdown, context=context)
+    parts.callback(client.close)
+    return parts.enter_context(contextlib.closing(Window(application, client.give, client.take)))
 
 
 @pytest.fixture
@@ -341,19 +327,11 @@ def test_a_timekeeper_that_hangs_is_told_and_nothing_is_sent_until_it_is_back(
     seen.until_said('LAP refused: no race has been started')
 
 
-def test_without_a_timekeeper_and_race_control_it_says_so(seen: Window, event: Event) -> None:
-    seen.until(lambda: 'The timekeeper has been silent' in seen.text('warning'))
-    assert seen.text('title') == 'No race yet'
-    assert seen.text('about') == 'no contact with race control'
-    event.state()
-    seen.until(lambda: 'GREEN GREEN' in seen.text('about'))
-    seen.count('7')
-    seen.until_said('was not sent')
-
-
-def test_a_timing_line_is_shown_and_that_it_is_broken_or_silent(
+def test_what_is_not_heard_is_told_of_the_timekeeper_race_control_and_a_timing_line(
     seen: Window, event: Event
 ) -> None:
+    assert seen.text('title') == 'No race yet'
+    assert seen.text('about') == 'no contact with race control'
     seen.until(
         lambda: 'line: p3 at 10.1.0.20:5403' in seen.text('about'),
         lambda: event.line_says(DiagnosticStatus.OK, 'The device is connected'),
@@ -362,7 +340,12 @@ def test_a_timing_line_is_shown_and_that_it_is_broken_or_silent(
     event.line_says(DiagnosticStatus.ERROR, 'The device has been silent for 10 s')
     broken = 'Timing line line (p3 at 10.1.0.20:5403): The device has been silent for 10 s'
     seen.until(lambda: broken in seen.text('warning'))
-    seen.until(lambda: 'silent for 4 s' in seen.text('warning'))
+    event.state()
+    seen.until(lambda: 'GREEN GREEN' in seen.text('about'))
+    seen.until(lambda: '5403): silent for 4 s' in seen.text('warning'))
+    assert 'The timekeeper has been silent' in seen.text('warning')
+    seen.count('7')
+    seen.until_said('was not sent')
 
 
 # ----- corrections ----------------------------------------------------------------------------
@@ -478,26 +461,21 @@ RESULTS = Standings(
 )
 
 
-def test_a_correction_that_is_not_answered_is_told_and_its_late_answer_too(
-    look: Callable[[], Window], event: Event, monkeypatch: pytest.MonkeyPatch
+def test_a_correction_that_is_not_sent_or_not_answered_is_told_and_a_late_answer_too(
+    seen: Window, event: Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(window_widgets, 'NO_ANSWER', 0.5)
-    may_answer = threading.Event()
-    event.offer(Act.COUNT, may_answer)
-    seen = look()
     again = lambda: event.publish(RESULTS)  # noqa: E731
     seen.until(lambda: seen.rows(0), again)
+    seen.count('7')
+    seen.until_said('LAP refused: the timekeeper was not found. Nothing was sent')
+    may_answer = threading.Event()
+    event.offer(Act.COUNT, may_answer)
     # What the two nodes know of each other is not known of the service at once.
     seen.until(lambda: event.asked or seen.count('7'), again)
     seen.until_said('LAP: no answer for', 'Check the results before', meanwhile=again)
     may_answer.set()
     seen.until_said('LAP: kart 7 crossed the line: counted', meanwhile=again)
-
-
-def test_where_the_service_is_not_there_nothing_is_sent(seen: Window, event: Event) -> None:
-    seen.until(lambda: seen.rows(0), lambda: event.publish(RESULTS))
-    seen.count('7')
-    seen.until_said('LAP refused: the timekeeper was not found. Nothing was sent')
 
 
 # ----- without DDS ----------------------------------------------------------------------------
