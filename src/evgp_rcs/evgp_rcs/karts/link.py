@@ -28,6 +28,7 @@ from evgp_protocol.link import (
 )
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.run_mark import in_words
+from evgp_rcs.rules.inputs import Delivered, Measured
 from evgp_rcs.rules.link_quality import LinkMeter
 
 if TYPE_CHECKING:
@@ -155,9 +156,10 @@ class KartLink(asyncio.BufferedProtocol):
             self._hearing.sent_again()
         if self._delivered is not None:
             delivered, self._delivered = self._delivered, None
-            self._owner.link_delivered(self, *delivered)
+            self._owner.link_noticed(self, Delivered(self._owner.now(), self.number, *delivered))
         if self._meter.is_due(age, now):
-            self._measure(age, now)
+            measured = self._meter.measure(age, read(self._socket), now, self._hearing.behind)
+            self._owner.link_noticed(self, Measured(self._owner.now(), self.number, measured))
 
     def answers(self, now: float) -> bool:
         """Return whether the kart's TCP answers as promptly as on a good link."""
@@ -195,10 +197,6 @@ class KartLink(asyncio.BufferedProtocol):
             self._hearing.look(self._answers.answered, arrived)
             if not self._hearing.waits:
                 self._delivered = self._ordered, now
-
-    def _measure(self, age: float, now: float) -> None:
-        measured = self._meter.measure(age, read(self._socket), now, self._hearing.behind)
-        self._owner.link_measured(self, measured)
 
     def _unsent(self) -> int:
         """Return the number of bytes that may not have left yet."""

@@ -40,10 +40,6 @@ from evgp_rcs.record.store import RecordError, rules_version
 from evgp_rcs.rules.inputs import Batch, Recovered, Rules, Setup
 from evgp_rcs.rules.race import LastRun
 
-FIRST_SIGN = 2.0
-"""Additional time for the ROS half's first sign of life, in seconds, because it is still
-starting."""
-
 LAST_WORDS_TIMEOUT = 2.0
 """Maximum time for the record to finish at the end, in seconds. After that, the ROS half has the
 same time to accept the last messages."""
@@ -90,7 +86,6 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
 
     def listening(address: tuple[str, int]) -> None:
         record.remember(race.memory())
-        server.expect_ros_half(FIRST_SIGN)
         ros_half.send(pack(Listening(address)))
 
     return await server.serve(listening)

@@ -25,7 +25,6 @@ from collections import defaultdict, deque
 from collections.abc import Callable
 import errno
 import itertools
-import math
 import socket
 import time
 from typing import Any
@@ -49,7 +48,6 @@ from evgp_rcs.karts.record_process import RecordProcess
 from evgp_rcs.record.run_mark import in_words
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CATALOGUE
-from evgp_rcs.rules.link_quality import LinkQuality
 from evgp_rcs.rules.race import (
     Answer,
     Event,
@@ -100,6 +98,10 @@ TO_ROS_HALF_BYTES = 64 * 2**20
 
 ROS_HALF_SILENCE = 1.0
 """Maximum silence of the ROS half, in seconds. After that, the server abandons it."""
+
+FIRST_SIGN = 2.0
+"""Additional time for the ROS half's first sign of life, in seconds, because it is still
+starting."""
 
 _ENDING = Answer(False, 'Race control is ending. If a kart is still moving, use the MSR.')
 
@@ -164,7 +166,7 @@ class KartServer:
         self._race = race
         self._settings = settings
         self._ros_half = ros_half
-        self._ros_half_heard_at = math.inf  # nothing is expected of it yet
+        self._ros_half_heard_at = 0.0
         self._record = record
         record.on_saved = self._note_saved
         self._log = inputs.Log()
@@ -229,6 +231,7 @@ class KartServer:
         if self._left_behind is not None:
             self._publish_outcome(self._first_events, self._left_behind.at)
         self._beat_at = loop.time()
+        self._ros_half_heard_at = loop.time() + FIRST_SIGN
         loop.call_soon(self._beat, loop.time())
         try:
             listening(server.sockets[0].getsockname()[:2])
@@ -249,14 +252,6 @@ class KartServer:
         if self._failure is not None:
             raise self._failure
         return ends_as
-
-    def expect_ros_half(self, allowance: float) -> None:
-        """
-        Expect signs of life from the ROS half from now on.
-
-        :param allowance: additional time for the first sign of life, in seconds.
-        """
-        self._ros_half_heard_at = self.now() + allowance
 
     def end(self, failure: BaseException | None = None) -> None:
         """
@@ -545,15 +540,10 @@ class KartServer:
             return
         self._take(inputs.Heard(now, link.number, serial, heard.state, counts_in))
 
-    def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
-        """Report to the rules that a kart's kernel answered an order, by this time in seconds."""
+    def link_noticed(self, link: KartLink, given: inputs.Delivered | inputs.Measured) -> None:
+        """Feed what a link has noticed to the rules."""
         if self._links.get(link.number) is link:
-            self._take(inputs.Delivered(self.now(), link.number, serial, answered))
-
-    def link_measured(self, link: KartLink, quality: LinkQuality) -> None:
-        """Report the quality of the link to the rules."""
-        if self._links.get(link.number) is link:
-            self._take(inputs.Measured(self.now(), link.number, quality))
+            self._take(given)
 
     def link_lost(self, link: KartLink) -> None:
         """Report the end of a connection to the rules, unless a new one has replaced it."""

@@ -114,6 +114,9 @@ READS: dict[str, Callable[[Any], Any]] = {'karts': frozenset, 'hold': state_of, 
 """The fields of requests (``Entry.takes``) that race control converts. A heat's name is not one of
 them, because it is exactly as the roster writes it."""
 
+ENDS = 'Race control sends RED_RED to every kart and ends. Use the MSR if a kart is still moving'
+"""What officials read after the reason why race control cannot go on."""
+
 MOST_AGE = 86_400.0
 """Maximum age of a press, in seconds (one day). The age of an older press is set to this."""
 
@@ -262,17 +265,12 @@ class RcsNode(StrictNode):
     def _hear_watch(self) -> None:
         """Act on what the watch of the address has found, in the watch's thread."""
         if self._watch.error is not None:
-            self._fail(
-                'Race control can no longer see whether another machine has its address. It sends '
-                'RED_RED to every kart and ends. Use the MSR if a kart is still moving',
-                self._watch.error,
-            )
+            why = 'can no longer see whether another machine has its address'
+            self._fail(f'Race control {why}. {ENDS}', self._watch.error)
         elif self._watch.answer:
             found = f'{self._watch.answer[0].upper()}{self._watch.answer[1:]}'
             self._fail(
-                f"{found}, which is race control's. Race control sends RED_RED to every kart "
-                'and ends. Use the MSR if a kart is still moving, and unplug one of the two '
-                'machines',
+                f"{found}, which is race control's. {ENDS}, and unplug one of the two machines",
                 AddressTakenError(self._watch.answer),
             )
             # Do this now, because the watch next announces this machine to the karts.
@@ -289,17 +287,11 @@ class RcsNode(StrictNode):
                 pass  # the client's thread notices and reports the end of the kart server
 
     def _publisher_failed(self, error: BaseException) -> None:
-        self._fail(
-            f'Race control has failed ({error}). It sends RED_RED to every kart and ends. Use the '
-            'MSR if a kart is still moving',
-            error,
-        )
+        self._fail(f'Race control has failed ({error}). {ENDS}', error)
 
     def _kart_server_ended(self, why: str) -> None:
-        self._fail(
-            f'Race control has ended, and no kart is connected ({why}). Use the MSR',
-            KartServerError(why),
-        )
+        text = f'Race control has ended, and no kart is connected ({why}). Use the MSR'
+        self._fail(text, KartServerError(why))
 
     def _fail(self, text: str, error: BaseException) -> None:
         self._failure = self._failure or text
@@ -318,8 +310,7 @@ class RcsNode(StrictNode):
                 if max(missing, unread) > MOST_UNHEARD:
                     # The signs of life also stop here, in case `_fail` does not end the process.
                     self._fail(
-                        'Race control no longer hears officials. It sends RED_RED to every kart '
-                        'and ends. Use the MSR if a kart is still moving',
+                        f'Race control no longer hears officials. {ENDS}',
                         DeafError(
                             "officials' calls do not arrive through DDS: race control misses "
                             f'{missing} calls to itself in a row, and has found a datagram unread '
