@@ -762,6 +762,26 @@ def test_a_command_that_cannot_be_sent_is_said_not_to_be_sent_and_stops_still_ar
         assert hearing.wait_for(lambda: hearing.standing[0].said, now() + PATIENCE)
 
 
+@pytest.mark.parametrize(
+    ('heat', 'within'), [('none', 60.0), ('Final', 0.0)], ids=['refused', 'late']
+)
+def test_what_was_confirmed_with_a_command_and_is_not_sent_after_it_is_told(
+    desk: Desks, monkeypatch: pytest.MonkeyPatch, heat: str, within: float
+) -> None:
+    monkeypatch.setattr('evgp_rcs_console.client.THEN_WITHIN', within)
+    hearing = Hearing()
+    with client_of(desk[0].domain, hearing) as client:
+        assert client.wait_for(CommandKind.SET_HEAT, PATIENCE)
+        then = tuple(Given(CommandKind.JOIN_RACE, kart) for kart in (1, 2))
+        client.give(Given(CommandKind.SET_HEAT, taken={'heat': heat}, then=then))
+        refused = hearing.wait_for(
+            lambda: hearing.answer and not hearing.answer[1].success, now() + PATIENCE
+        )
+    assert refused
+    assert hearing.answer is not None
+    assert 'JOIN kart 1, JOIN kart 2' in hearing.answer[1].message
+
+
 class SlowListener(Hearing):
     """Takes its time over the news that ALL KILL is pressed, unless it is accepted meanwhile."""
 

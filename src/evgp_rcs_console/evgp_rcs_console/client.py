@@ -350,6 +350,9 @@ class Client:
                 self._listener.on_pressing(self._standing.pressed)
             follows = given.followed_by() if answer.success else None
             soon = now() - given.at < THEN_WITHIN and self._stop_given_at < given.at
+        unsent = f'Not sent: {", ".join(map(texts.full_name, given.then))}.' if given.then else ''
+        if unsent and not answer.success:
+            answer = Answer(False, f'{answer.message} {unsent}')
         # A stop that failed is sent again. Such failures and answers to older presses are not
         # reported.
         if ended or not CATALOGUE[given.command].stop:
@@ -357,8 +360,7 @@ class Client:
         if follows is not None and soon:
             self.give(follows)
         elif follows is not None:
-            name = texts.full_name(follows)
-            why = f'{name} was not sent: the previous command took too long. Press it again now.'
+            why = f'{unsent} The previous command took too long. Press again now.'
             self._listener.on_answer(follows, Answer(False, why))
 
     def _hear_race(self, message: msg.Race, info: dict[str, Any]) -> None:
