@@ -92,7 +92,7 @@ class Paper(test_desk.Event):
 
     def take(self, window: window_widgets.TimekeeperWindow) -> None:
         """Say how the race is now."""
-        window.on_race('GREEN GREEN', 252.0, TEAMS)
+        window.on_race('GREEN GREEN', 252.0, TEAMS, '')
         window.on_results(self.desk.standings(self.now))
 
 
@@ -107,11 +107,11 @@ class Event(RosSide):
         self._results = publisher(msg.Results, '/rcs/timekeeper/results', latched(1))
         self.asked: list[Any] = []
 
-    def state(self) -> None:
+    def state(self, banner: str = '') -> None:
         """Say that the race has been in GREEN_GREEN for 252 s."""
         karts = [msg.KartStatus(number=each, team=team) for each, team in TEAMS.items()]
         green, now = msg.RaceState(state=msg.RaceState.GREEN_GREEN), time.time_ns()
-        race = msg.Race(state=green, karts=karts, stamp=stamp_of(now))
+        race = msg.Race(state=green, karts=karts, stamp=stamp_of(now), banner=banner)
         race.state_since = stamp_of(now - 252 * 10**9)
         self._race.publish(race)
 
@@ -340,8 +340,13 @@ def test_what_is_not_heard_is_told_of_the_timekeeper_race_control_and_a_timing_l
     event.line_says(DiagnosticStatus.ERROR, 'The device has been silent for 10 s')
     broken = 'Timing line line (p3 at 10.1.0.20:5403): The device has been silent for 10 s'
     seen.until(lambda: broken in seen.text('warning'))
-    event.state()
+    assert not seen.find('banner').isVisible()
+    event.state(banner='REHEARSAL')
     seen.until(lambda: 'GREEN GREEN' in seen.text('about'))
+    assert seen.find('banner').isVisible()
+    assert seen.text('banner') == 'REHEARSAL'
+    assert seen.find('banner').y() < seen.find('title').parent().y()
+    assert seen.widget.windowTitle() == 'REHEARSAL: EVGP timekeeper'
     seen.until(lambda: '5403): silent for 4 s' in seen.text('warning'))
     assert 'The timekeeper has been silent' in seen.text('warning')
     seen.count('7')

@@ -127,7 +127,7 @@ class Client:
         name = 'RACE OVER' if message.over else state.name.replace('_', ' ') if state else ''
         seconds = seconds_of(message.stamp) - seconds_of(message.state_since)
         teams = {kart.number: kart.team for kart in message.karts}
-        self._inbox.put(lambda window: window.on_race(name, seconds, teams))
+        self._inbox.put(methodcaller('on_race', name, seconds, teams, tidy(message.banner)))
 
     def _hear_lines(self, message: DiagnosticArray) -> None:
         for each in message.status:

@@ -26,6 +26,7 @@ from evgp_timing.desk import Answer
 NO_ANSWER = 5.0
 """Time after which the window reports a correction as unanswered, in seconds."""
 
+TITLE = 'EVGP timekeeper'
 STOPS_NOTHING = 'This window cannot stop a race. To stop, use the race window or the stop button'
 NO_WORD = 'The timekeeper has been silent for {age}: this window is out of date'
 NOT_SENT = '{label} was not sent: the timekeeper has been silent for {age}'
@@ -63,6 +64,8 @@ QWidget { font-family: Inter, 'Noto Sans', 'DejaVu Sans'; font-size: 14px; color
 QWidget#window { background: #EEF0F2; }
 QDialog, QHeaderView, QLineEdit, QTableWidget { background: #FFFFFF; }
 QFrame#card { background: #FFFFFF; border: 1px solid #D5D9DE; border-radius: 6px; }
+QLabel#banner { background: #6A1B9A; color: #FFFFFF; font-weight: bold; border-radius: 6px;
+  padding: 3px; }
 QLabel#title { font-size: 22px; font-weight: bold; }
 QLabel#about, QLabel#stops { color: #5E676F; }
 QLabel[bad=true], QLabel#warning { color: #B3001B; font-weight: bold; }
@@ -104,11 +107,13 @@ class TimekeeperWindow:
         self._rows: list[view.Row] = []
         self._crossings: list[view.Crossing] = []
         self._waiting: dict[object, tuple[str, float]] = {}
-        self.widget = QtWidgets.QWidget(objectName='window', windowTitle='EVGP timekeeper')
+        self.widget = QtWidgets.QWidget(objectName='window', windowTitle=TITLE)
         self.widget.setStyleSheet(_STYLE)
-        self._title, self._about, self._warning, self._said = map(
-            _label, ('title', 'about', 'warning', 'said')
+        self._banner, self._title, self._about, self._warning, self._said = map(
+            _label, ('banner', 'title', 'about', 'warning', 'said')
         )
+        self._banner.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
+        self._banner.hide()
         self._said.setAlignment(_RIGHT)
         self._lap = _line('lap', 'Kart', 5, 60)
         self._lap.returnPressed.connect(self._count)
@@ -121,6 +126,7 @@ class TimekeeperWindow:
         self._passings.cellClicked.connect(self._click)
         self._warnings = _card(self._warning)
         layout = QtWidgets.QVBoxLayout(self.widget)
+        layout.addWidget(self._banner)
         layout.addWidget(_card(self._title, self._about, self._lap, *self._buttons))
         layout.addWidget(self._warnings)
         tables = QtWidgets.QHBoxLayout()
@@ -142,10 +148,13 @@ class TimekeeperWindow:
         self._show_results()
         self._show_crossings([*view.crossings(results)])
 
-    def on_race(self, state: str, seconds: float, teams: Mapping[int, str]) -> None:
-        """Show the state of the race and its duration, in seconds, and update the teams."""
+    def on_race(self, state: str, seconds: float, teams: Mapping[int, str], banner: str) -> None:
+        """Show the state of the race and its duration (s), the teams and the banner."""
         self._race_heard, self._state = clock.now(), state
         self._since = self._race_heard - seconds
+        self._banner.setText(banner)
+        self._banner.setVisible(bool(banner))
+        self.widget.setWindowTitle(f'{banner}: {TITLE}' if banner else TITLE)
         if teams != self._teams:
             self._teams = dict(teams)
             self._show_results()
