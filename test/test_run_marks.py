@@ -89,18 +89,17 @@ class Machine:
     def look(self, folder: str = 'a') -> Seen:
         """Start race control, and return what is seen first; it ends at once."""
         with self.run(folder) as race:
-            for kart in race.karts:
-                kart.wait_for_frames(3)
-            seen = race.official.wait_for_race(lambda race: True, 'the race')
+            seen = seen_in(race)
             race.control.lose_power()
-            return Seen(sent_to(race), seen)
+            return seen
 
 
-def end_well(race: WireRace) -> None:
-    """Have a run end with nothing under way, and an official who has stated so."""
-    race.official.command('set_track_open', open=True, no_race_anywhere=True)
-    race.official.command('set_track_open', open=False)
-    assert race.control.close() == 0
+def seen_in(race: WireRace) -> Seen:
+    """Return what is seen first in a run that has just begun."""
+    for kart in race.karts:
+        kart.wait_for_frames(3)
+    seen = race.official.wait_for_race(lambda race: True, 'the race')
+    return Seen(sent_to(race), seen)
 
 
 def sent_to(race: WireRace) -> set[RaceState | None]:
@@ -118,12 +117,15 @@ def machine(tmp_path: pathlib.Path) -> Machine:
 needs_root = pytest.mark.skipif(os.geteuid() != 0, reason='it takes root')
 
 
-def test_after_a_crash_no_start_on_this_machine_proves_anything_whatever_record_it_has(
+def test_a_machine_begins_in_the_garage_until_a_run_did_not_end_well_whatever_record_it_has(
     machine: Machine,
 ) -> None:
-    """User, record, disk, home, ROS_HOME, unit, folder and roster are all other ones."""
-    with machine.run() as race:
-        end_well(race)
+    """After it, user, record, disk, home, ROS_HOME, unit, folder and roster are all other ones."""
+    with machine.run() as race:  # on a new machine
+        assert seen_in(race).begins
+        race.official.command('set_track_open', open=True, no_race_anywhere=True)
+        race.official.command('set_track_open', open=False)
+        assert race.control.close() == 0
     assert machine.mark.read_text(encoding='ascii').strip() == LastRun.ENDED.value
     with tempfile.TemporaryDirectory(dir='/dev/shm') as folder:
         pathlib.Path(folder).chmod(0o777)
@@ -132,22 +134,11 @@ def test_after_a_crash_no_start_on_this_machine_proves_anything_whatever_record_
             under += ('setpriv', '--reuid=12017', '--regid=12017', '--clear-groups')
             under += ('--inh-caps=+dac_read_search', '--ambient-caps=+dac_read_search')
         with machine.run('b', under, (3, 4), record=f'{folder}/record.sqlite3') as race:
+            assert seen_in(race).begins
             race.bring_to(GREEN_GREEN)
             race.control.lose_power()
     for own in ('a', 'c'):  # the record of the good end, and a new one
         assert machine.look(own).proves_nothing
-
-
-def test_on_a_new_machine_and_after_a_good_end_it_begins_in_the_garage_with_any_record(
-    machine: Machine,
-) -> None:
-    with machine.run() as race:
-        for kart in race.karts:
-            kart.wait_for_state(IN_GARAGE)
-        seen = race.official.wait_for_race(lambda race: True, 'the race')
-        assert (state_of(seen.state), seen.track.open) == (IN_GARAGE, False)
-        end_well(race)
-    assert machine.look('b').begins
 
 
 # ----- a place that is not the machine's, or cannot be written -------------------------------
