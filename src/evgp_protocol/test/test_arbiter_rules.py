@@ -4,10 +4,9 @@
 """
 The rules of the arbiter, held against an oracle that knows only the history of the inputs.
 
-The oracle recomputes everything from the list of inputs, each time from the beginning, and
-shares no code with the arbiter but the names of the states. It is checked along random
-histories, along every reachable state of a small world, and by faults put into the arbiter on
-purpose, each of which it must find.
+The oracle computes everything from the list of inputs, and shares no code with the arbiter but the
+names of the states. It is checked along random histories, along every reachable state of a small
+world, and by faults put into the arbiter on purpose, each of which it must find.
 """
 
 from __future__ import annotations
@@ -56,18 +55,31 @@ History = tuple[Input, ...]
 
 
 class Oracle:
-    """What must hold after a history, at its last input, as the rules are worded."""
+    """
+    What must hold after a history, at its last input, as the rules are worded.
 
-    def __init__(self, history: History, settings: Settings) -> None:
+    :param before: the oracle before the last input.
+    """
+
+    def __init__(self, history: History, settings: Settings, before: Oracle | None = None) -> None:
         self.history = history
         self.settings = settings
-        self._stops: dict[int, bool] = {}
+        # The oracles after each input, this one included.
+        self._after: list[Oracle] = [] if before is None else [*before._after, self]
+        assert len(self._after) == len(history)
         self.now = history[-1].at if history else 0.0
+        # Whether the team stop is on, and whether it was when the last input came.
+        self.team_stop = self._stopped(history)
+        self.was_stopped = self._stopped(history[:-1])
         self.since = self._connection()
         self.connection = self._from(self.since)
         heard = [item for item in self.connection if item.kind == 'heard']
         self.commanded: RaceState | None = heard[-1].value if heard else None
-        self._ready = self._acknowledged_grid()
+        ready = self._acknowledged_grid()
+        stopped = ready is not None and self.stopped_since(ready)
+        # A GRID_ACTIVE was acknowledged here, and nothing came between; or a kart that was armed
+        # has stopped itself under the same commands.
+        self.armed, self.out = ready is not None and not stopped, stopped
 
     def _from(self, begin: int | None, end: int | None = None) -> History:
         return () if begin is None else self.history[begin:end]
@@ -88,19 +100,13 @@ class Oracle:
                 return None
         return since
 
-    def stop_at(self, index: int) -> bool:
-        """Whether the team stop is on right after the input at `index`."""
-        if index not in self._stops:
-            past, now = self.history[: index + 1], self.history[index].at
-            self._stops[index] = self._stopped(past, now)
-        return self._stops[index]
-
-    def _stopped(self, past: History, now: float) -> bool:
-        """Whether the team stop is on after these inputs, at this time."""
+    def _stopped(self, past: History) -> bool:
+        """Whether the team stop is on now, after these inputs."""
         stops = {item.value[0]: item.value[1] for item in past if item.kind == 'team_stop'}
         if any(stops.values()):
             return True
-        return any(not signs or now - signs[-1] >= timeout for timeout, signs in self._signs(past))
+        signs = self._signs(past)
+        return any(not each or self.now - each[-1] >= timeout for timeout, each in signs)
 
     def _signs(self, past: History) -> list[tuple[float, list[float]]]:
         """Return what must not be missed for how long, and when it came."""
@@ -123,8 +129,7 @@ class Oracle:
 
     def stopped_since(self, begin: int) -> bool:
         """Whether the team stop was on at any time from the input at `begin` to now."""
-        last = len(self.history) - 1
-        if any(self.stop_at(index) for index in range(begin, last + 1)):
+        if any(each.team_stop for each in self._after[begin:]):
             return True
         # They may have been missed for too long between two of the inputs.
         for timeout, signs in self._signs(self.history):
@@ -132,12 +137,6 @@ class Oracle:
                 if later >= earlier + timeout and later > self.history[begin].at:
                     return True
         return False
-
-    @property
-    def team_stop(self) -> bool:
-        if not self.history:
-            return bool(self._signs(()))
-        return self.stop_at(len(self.history) - 1)
 
     def _acknowledged_grid(self) -> int | None:
         """Where the GRID_ACTIVE was acknowledged here that still lets GREEN_GREEN be obeyed."""
@@ -153,16 +152,6 @@ class Oracle:
             if names in ([GRID], [GRID, GREEN]):
                 return index
         return None
-
-    @property
-    def armed(self) -> bool:
-        """Return whether a GRID_ACTIVE was acknowledged here, and nothing came between."""
-        return self._ready is not None and not self.stopped_since(self._ready)
-
-    @property
-    def out(self) -> bool:
-        """Return whether a kart that was armed has stopped itself under the same commands."""
-        return self._ready is not None and self.stopped_since(self._ready)
 
     @property
     def state(self) -> RaceState:
@@ -191,11 +180,9 @@ class Oracle:
         if begin is None:
             return None
         for index in range(begin + 1, len(self.history)):
-            item = self.history[index]
-            before, after = self._stopped(self.history[:index], item.at), self.stop_at(index)
-            if (before and not after) or (
-                after and Oracle(self.history[:index], self.settings).armed
-            ):
+            earlier, later = self._after[index - 1], self._after[index]
+            ends = later.was_stopped and not later.team_stop
+            if ends or (later.team_stop and earlier.armed):
                 begin = index
         return begin
 
@@ -244,7 +231,7 @@ class Oracle:
             return False
         # What held when the flag came: the same moment, without the flag.
         before = (*self.history[: self._run], Input('tick', None, begin.at))
-        return Oracle(before, self.settings).may_drive
+        return Oracle(before, self.settings, self._after[self._run - 1]).may_drive
 
     def must_accept(self, state: RaceState, number: int) -> bool:
         begin = self._numbered
@@ -285,7 +272,7 @@ class Oracle:
             return self._run if self.commanded in (FLAG, RED) else None
         begin = self._run
         assert begin is not None
-        while not Oracle(self.history[: begin + 1], self.settings).out:
+        while not self._after[begin].out:
             begin += 1
         return begin
 
@@ -345,14 +332,13 @@ def apply(arbiter: Arbiter, kind: str, value: Any, at: float) -> Input:
     )
 
 
-def check(earlier: Oracle, history: History, verdict: Verdict) -> None:
+def check(oracle: Oracle, earlier: Oracle, verdict: Verdict) -> None:
     """
     Hold one verdict, and the answer that came with it, against the oracle.
 
     :param earlier: the oracle before the last input.
     """
-    settings = earlier.settings
-    oracle = Oracle(history, settings)
+    history, settings = oracle.history, oracle.settings
     assert verdict.state is oracle.state
     assert verdict.commanded is oracle.commanded
     assert verdict.order == (history[-1].order if history else 0)
@@ -366,7 +352,7 @@ def check(earlier: Oracle, history: History, verdict: Verdict) -> None:
         return
     last = history[-1]
     if last.kind == 'acknowledge':
-        before = Oracle((*history[:-1], Input('tick', None, last.at)), settings)
+        before = Oracle((*history[:-1], Input('tick', None, last.at)), settings, earlier)
         assert last.accepted == before.must_accept(last.value, last.number)
         again = before.out and before.acknowledged  # what nobody commanded is said once
         assert last.said is (last.value if last.accepted and not again else None)
@@ -459,27 +445,27 @@ def explore(
     own_settings = module.Settings(**vars(settings))
     first = module.Arbiter(own_settings, FIRST_ORDER)
     first.tick(0.0)
-    start = (Input('tick', None, 0.0),)
+    start = Oracle((Input('tick', None, 0.0),), settings, Oracle((), settings))
     seen = {fingerprint(first)}
-    front: list[tuple[Arbiter, History]] = [(first, start)]
+    front: list[tuple[Arbiter, Oracle]] = [(first, start)]
     steps = 0
     while front and steps < limit:
         behind, front = front, []
-        for arbiter, history in behind:
-            earlier = Oracle(history, settings)
+        for arbiter, earlier in behind:
             for (kind, value), wait in itertools.product(inputs, (0.0, 0.5)):
                 later = copy.copy(arbiter)
-                note = apply(later, kind, value, history[-1].at + wait)
-                longer = (*history, note)
+                note = apply(later, kind, value, earlier.now + wait)
+                oracle = Oracle((*earlier.history, note), settings, earlier)
                 steps += 1
                 try:
-                    check(earlier, longer, later.verdict)
+                    check(oracle, earlier, later.verdict)
                 except AssertionError as error:
-                    raise AssertionError(f'{error}\nafter {longer}\n{later.verdict}') from error
+                    told = f'{error}\nafter {oracle.history}\n{later.verdict}'
+                    raise AssertionError(told) from error
                 mark = fingerprint(later)
                 if mark not in seen:
                     seen.add(mark)
-                    front.append((later, longer))
+                    front.append((later, oracle))
     return len(seen), steps
 
 
@@ -723,8 +709,8 @@ def test_random_histories_with_times_that_fit_no_grid_keep_the_rules(
     settings: Settings, steps: list[tuple[float, list[tuple[str, Any]]]]
 ) -> None:
     arbiter, now = Arbiter(settings, FIRST_ORDER), 0.0
-    history: History = ()
-    check(Oracle(history, settings), history, arbiter.verdict)
+    oracle = Oracle((), settings)
+    check(oracle, oracle, arbiter.verdict)
     for wait, step in steps:
         before, deadline = (arbiter.verdict, fingerprint(arbiter)), arbiter.deadline
         # Else it follows itself 50 times: 600 inputs, and the oracle's work is their square.
@@ -739,9 +725,9 @@ def test_random_histories_with_times_that_fit_no_grid_keep_the_rules(
         for kind, value in step:
             if kind == 'acknowledge' and value[0] == COMMANDED:
                 value = arbiter.verdict.commanded or RED, value[1]
-            earlier = Oracle(history, settings)
-            history = (*history, apply(arbiter, kind, value, now))
-            check(earlier, history, arbiter.verdict)
+            earlier = oracle
+            oracle = Oracle((*oracle.history, apply(arbiter, kind, value, now)), settings, oracle)
+            check(oracle, earlier, arbiter.verdict)
         if step is TICK_AT_THE_DEADLINE:
             assert before != (arbiter.verdict, fingerprint(arbiter))
             assert arbiter.deadline is None or arbiter.deadline > now
