@@ -139,7 +139,7 @@ def test_a_clause_that_only_a_hold_up_excuses_is_no_pass_of_the_whole() -> None:
 
 
 def inspected(verdict: Verdict, why: str = 'so it was', **known: Any) -> Inspection:
-    results = [Result(clause, Finding(verdict, why, 1.0, ()), 5.0) for clause in KART]
+    results = [Result(clause, Finding(verdict, why, 1.0, ()), 5.0) for clause in KART[:2]]
     return Inspection(results, LIMITS, **{'finished': True, **known})
 
 
