@@ -38,7 +38,10 @@ INTERFACE :=
 
 # The official at the window or ctl; empty: the saved name, or else the program asks.
 OFFICIAL ?=
-OFFICIAL_QUOTED = $(subst ','\'',$(OFFICIAL))
+
+# A word of a command, whatever is in it; and a parameter, since ROS reads values as YAML.
+quoted = '$(subst ','\'',$(1))'
+parameter = -p $(call quoted,$(1):="$(subst ",,$(2))")
 
 # A test must not command a real kart: neither our programs, nor nodes with ROS's own settings.
 bench demo fuzz rehearsal screenshots sim soak test test-long: export EVGP_GRAPH_INTERFACE :=
@@ -136,64 +139,68 @@ fuzz:
 # The timekeeper ends with race control, which does not need it.
 run:
 	$(IN_WORKSPACE) sh -c 'setpriv --pdeathsig TERM python -m evgp_node.restarting "$$1" --ros-args \
-	  --params-file "$$2" -p "$$3" & shift 3; exec python -m evgp_node.restarting "$$@"' run \
-	  install/evgp_timing/lib/evgp_timing/timekeeper '$(TIMING)' 'roster:=$(ROSTER)' \
+	  --params-file "$$2" "$$3" "$$4" & shift 4; exec python -m evgp_node.restarting "$$@"' run \
+	  install/evgp_timing/lib/evgp_timing/timekeeper $(call quoted,$(TIMING)) \
+	  $(call parameter,roster,$(ROSTER)) \
 	  install/evgp_rcs/lib/evgp_rcs/rcs_node --ros-args \
-	  --params-file '$(PARAMS)' -p 'roster:=$(ROSTER)' \
-	  $(if $(ADDRESS),-p 'address:=$(ADDRESS)')
+	  --params-file $(call quoted,$(PARAMS)) $(call parameter,roster,$(ROSTER)) \
+	  $(if $(ADDRESS),$(call parameter,address,$(ADDRESS)))
 
 # Paths refer to the other machine; relative ones start in the folder in FROM.
 spare:
-	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_spare '$(FROM)' \
-	  --roster '$(ROSTER)' --params '$(PARAMS)' $(if $(RECORD),--record '$(RECORD)') $(ARGS)
+	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_spare $(call quoted,$(FROM)) \
+	  --roster $(call quoted,$(ROSTER)) --params $(call quoted,$(PARAMS)) \
+	  $(if $(RECORD),--record $(call quoted,$(RECORD))) $(ARGS)
 
 takeover:
-	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_takeover '$(ADDRESS)' '$(INTERFACE)' $(ARGS)
+	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_takeover $(call quoted,$(ADDRESS)) \
+	  $(call quoted,$(INTERFACE)) $(ARGS)
 
 roster:
-	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_roster check '$(ROSTER)'
+	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_roster check $(call quoted,$(ROSTER))
 
 record:
 	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_record $(ARGS)
 
 console:
 	$(IN_WORKSPACE) --console install/evgp_rcs_console/lib/evgp_rcs_console/rcs_gui $(ARGS) \
-	  $(if $(OFFICIAL),--ros-args -p 'official:="$(subst ",,$(OFFICIAL_QUOTED))"' --)
+	  $(if $(OFFICIAL),--ros-args $(call parameter,official,$(OFFICIAL)) --)
 
 timekeeper:
 	$(IN_WORKSPACE) --console install/evgp_timing/lib/evgp_timing/timekeeper_window $(ARGS) \
-	  $(if $(OFFICIAL),--ros-args -p 'official:="$(subst ",,$(OFFICIAL_QUOTED))"' --)
+	  $(if $(OFFICIAL),--ros-args $(call parameter,official,$(OFFICIAL)) --)
 
 # How ctl was called, for the command lines that it prints.
 ctl: export EVGP_CTL := $(if $(ROS_DOMAIN_ID),ROS_DOMAIN_ID=$(ROS_DOMAIN_ID) )make ctl $(if $(OFFICIALS),OFFICIALS=$(OFFICIALS) )ARGS="%s"
 ctl:
-	$(IN_WORKSPACE) install/evgp_rcs_console/lib/evgp_rcs_console/rcs_ctl $(if $(OFFICIAL),--official '$(OFFICIAL_QUOTED)') $(or $(ARGS),$(ARG),--help)
+	$(IN_WORKSPACE) install/evgp_rcs_console/lib/evgp_rcs_console/rcs_ctl $(if $(OFFICIAL),--official $(call quoted,$(OFFICIAL))) $(or $(ARGS),$(ARG),--help)
 
 # It restarts after a crash, but not if a setting is wrong.
 RCS_BUTTON := install/evgp_rcs_console/lib/evgp_rcs_console/rcs_button
 button:
 	$(IN_WORKSPACE) $(if $(DEVICE),python -m evgp_node.restarting $(RCS_BUTTON) --ros-args \
-	  -p 'device:=$(DEVICE)' \
-	  $(if $(OFFICIAL),-p 'official:="$(subst ",,$(OFFICIAL_QUOTED))"') $(ARGS),$(RCS_BUTTON) test $(ARGS))
+	  $(call parameter,device,$(DEVICE)) \
+	  $(if $(OFFICIAL),$(call parameter,official,$(OFFICIAL))) $(ARGS),$(RCS_BUTTON) test $(ARGS))
 
 # It restarts in RED_RED after a failure or a crash, but not if a setting is wrong.
 bridge:
 	if [ -z '$(HOST)' ]; then echo 'Give the address of race control: make bridge HOST=10.0.0.1' >&2; exit 2; fi
 	$(IN_WORKSPACE) python -m evgp_node.restarting \
 	  install/evgp_kart_bridge/lib/evgp_kart_bridge/kart_bridge_node --ros-args \
-	  -p 'host:=$(HOST)' \
+	  $(call parameter,host,$(HOST)) \
 	  $(if $(ODOM),-r '~/odom:=$(ODOM)' -p odometry_required:=true) $(ARGS)
 
 # It restarts after a crash, but not if a setting is wrong.
 timing:
 	$(IN_WORKSPACE) python -m evgp_node.restarting \
 	  install/evgp_timing/lib/evgp_timing/timing_source --ros-args \
-	  $(if $(KIND),-p 'kind:=$(KIND)') $(if $(DEVICE),-p 'device:=$(DEVICE)') $(ARGS)
+	  $(if $(KIND),$(call parameter,kind,$(KIND))) \
+	  $(if $(DEVICE),$(call parameter,device,$(DEVICE))) $(ARGS)
 
 # It restarts after a crash, but not if a setting is wrong.
 board:
 	$(IN_WORKSPACE) python -m evgp_node.restarting \
-	  install/evgp_board/lib/evgp_board/board --ros-args $(if $(AT),-p 'address:=$(AT)') $(ARGS)
+	  install/evgp_board/lib/evgp_board/board --ros-args $(if $(AT),$(call parameter,address,$(AT))) $(ARGS)
 
 # Needs only Python, because the inspector's computer may have nothing set up.
 inspect-kart:

@@ -266,7 +266,7 @@ def test_the_locks_agree(lock: str) -> None:
 @pytest.mark.parametrize(
     ('arguments', 'runs'),
     [
-        (('roster', 'ROSTER=/x y/karts.yaml'), 'rcs_roster check /x y/karts.yaml'),
+        (('roster', "ROSTER=/x y/it's.yaml"), "rcs_roster check /x y/it's.yaml"),
         (('record', 'ARGS=--run 3 --kart 7'), 'rcs_record --run 3 --kart 7'),
         (('record',), 'rcs_record'),
         (
@@ -284,6 +284,14 @@ def test_make_has_a_target_for_what_an_official_reads(
 ) -> None:
     said = printed('make', '-s', *arguments, 'IN_WORKSPACE=echo', **os.environ)
     assert said.strip() == f'install/evgp_rcs/lib/evgp_rcs/{runs}'
+
+
+def test_a_path_is_one_word_and_one_parameter_whatever_is_in_it() -> None:
+    path = "/x: y/it's #2.yaml"
+    given = [f'{name}={path}' for name in ('ROSTER', 'PARAMS', 'TIMING')]
+    words = printed('make', '-s', 'run', *given, 'IN_WORKSPACE=printf "%s\\n"', **os.environ)
+    lines = words.splitlines()
+    assert (lines.count(path), lines.count(f'roster:="{path}"')) == (2, 2)
 
 
 def test_a_shell_that_exports_cdpath_finds_the_workspace() -> None:

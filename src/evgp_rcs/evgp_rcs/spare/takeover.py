@@ -108,7 +108,7 @@ def timekeeper(copy: pathlib.Path) -> Iterator[None]:
     """Keep the timekeeper running beside race control, with the roster and book of a copy."""
     python = ['setpriv', '--pdeathsig', 'TERM', sys.executable, '-m', 'evgp_node.restarting']
     command = [sys.executable, '-m', 'evgp_timing.timekeeper', '--ros-args']
-    command += ['-p', f'roster:={copy / ROSTER}', '-p', f'book:={copy / BOOK}']
+    command += ['-p', f'roster:="{copy / ROSTER}"', '-p', f'book:="{copy / BOOK}"']
     with subprocess.Popen([*python, *command]) as program:
         try:
             yield
@@ -150,7 +150,7 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
         )
         command = [str(pathlib.Path(sys.argv[0]).with_name('rcs_node')), '--ros-args']
         command += ['--params-file', str(copy / PARAMETERS), '-p', f'address:={own}']
-        command += ['-p', f'roster:={copy / ROSTER}', '-p', f'record:={copy / RECORD}']
+        command += ['-p', f'roster:="{copy / ROSTER}"', '-p', f'record:="{copy / RECORD}"']
         with timekeeper(copy):
             code = keep_running([*command, '-p', f'port:={port}'], gives_way=True)
     if code == IN_THE_WAY:
