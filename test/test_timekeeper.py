@@ -123,9 +123,8 @@ class Event(Part):
     :ivar races: number of races so far.
     """
 
-    def __init__(self, folder: pathlib.Path, clock_tolerance: float = 9.0) -> None:
+    def __init__(self, folder: pathlib.Path) -> None:
         self._folder, self.book = folder, folder / 'timing.sqlite3'
-        self._settings = {'min_lap_time': 1.0, 'clock_tolerance': clock_tolerance}
         with contextlib.ExitStack() as stack:
             self._race = stack.enter_context(WireRace(folder, KARTS, heats=HEATS))
             self.domain, self.official = self._race.domain, self._race.official
@@ -135,12 +134,13 @@ class Event(Part):
         self.races = self._before = 0
         self.timekeeper = self.start_timekeeper()
 
-    def start_timekeeper(self) -> Process:
+    def start_timekeeper(self, clock_tolerance: float = 9.0) -> Process:
         """Start a timekeeper with the book of the one before."""
         given = {
             'roster': self._folder / 'karts.yaml',
             'book': self.book,
-            **self._settings,
+            'min_lap_time': 1.0,
+            'clock_tolerance': clock_tolerance,
         }
         return self._stack.enter_context(Process('evgp_timing', 'timekeeper', self.domain, given))
 
@@ -224,42 +224,6 @@ def test_laps_are_counted_a_kart_with_all_of_them_is_finished_once_and_officials
     assert len(event.finishes()) == 1  # what an official has undone, an official gives again
 
 
-def test_karts_race_on_without_a_timekeeper_and_one_that_comes_back_has_every_lap(
-    tmp_path: pathlib.Path, parts: contextlib.ExitStack
-) -> None:
-    event = parts.enter_context(Event(tmp_path, clock_tolerance=0.5))
-    line = event.line
-    crossed: list[float] = []
-
-    def cross() -> None:
-        """Have kart 1 cross now, a lap after the last time."""
-        ready = crossed[-1] + LAP if crossed else 0.0
-        line.wait_until_polled(lambda: line.now() >= ready, 'a lap')
-        crossed.append(line.now())
-        line.sees(1, crossed[-1])
-
-    event.race()
-    cross()
-    line.wait_for(lambda seen: marks(seen) == [COUNTED], 'the first crossing')
-    event.timekeeper.kill()
-    event.assert_green()
-    event.official.command('kart/finish', kart=2)
-    cross()
-    event.timekeeper = event.start_timekeeper()
-    cross()
-    times = line.wait_for_laps(1, 2).lap_times
-
-    assert [*times] == pytest.approx([crossed[1] - crossed[0], crossed[2] - crossed[1]], abs=0.01)
-    seen = line.wait_for_more()
-    assert not [each for each in seen.questions if 'clock' in each or 'were lost' in each]
-    event.official.wait_for_kart(1, lambda kart: kart.place == 2, 'the finish by its laps')
-    # It goes on from the book, whatever the graph still has.
-    event.timekeeper.close()
-    event.timekeeper = event.start_timekeeper()
-    line.heard.clear()
-    assert line.wait_for_laps(1, 2).lap_times == times
-
-
 def kept(book: pathlib.Path) -> list[KartResult | None]:
     """Return the last result of kart 1 in each race, as the report finds it in the book."""
     found = [each for _, each in entries(book) if isinstance(each, Standings)]
@@ -297,6 +261,43 @@ def test_one_that_hangs_holds_up_nobody_and_what_it_says_in_the_next_race_concer
     event.timekeeper.close()
     assert [each and each.laps for each in kept(event.book)[-2:]] == [1, 1]
     event.timekeeper, event.races = event.start_timekeeper(), event.races + 1
+
+
+def test_karts_race_on_without_a_timekeeper_and_one_that_comes_back_has_every_lap(
+    event: Event,
+) -> None:
+    event.timekeeper.close()
+    event.timekeeper = event.start_timekeeper(clock_tolerance=0.5)
+    line = event.line
+    crossed: list[float] = []
+
+    def cross() -> None:
+        """Have kart 1 cross now, a lap after the last time."""
+        ready = crossed[-1] + LAP if crossed else 0.0
+        line.wait_until_polled(lambda: line.now() >= ready, 'a lap')
+        crossed.append(line.now())
+        line.sees(1, crossed[-1])
+
+    event.race()
+    cross()
+    line.wait_for(lambda seen: marks(seen) == [COUNTED], 'the first crossing')
+    event.timekeeper.kill()
+    event.assert_green()
+    event.official.command('kart/finish', kart=2)
+    cross()
+    event.timekeeper = event.start_timekeeper(clock_tolerance=0.5)
+    cross()
+    times = line.wait_for_laps(1, 2).lap_times
+
+    assert [*times] == pytest.approx([crossed[1] - crossed[0], crossed[2] - crossed[1]], abs=0.01)
+    seen = line.wait_for_more()
+    assert not [each for each in seen.questions if 'clock' in each or 'were lost' in each]
+    event.official.wait_for_kart(1, lambda kart: kart.place == 2, 'the finish by its laps')
+    # It goes on from the book, whatever the graph still has.
+    event.timekeeper.close()
+    event.timekeeper = event.start_timekeeper()
+    line.heard.clear()
+    assert line.wait_for_laps(1, 2).lap_times == times
 
 
 def test_a_flood_of_passings_is_bounded_and_told_and_holds_up_neither_stops_nor_laps(
