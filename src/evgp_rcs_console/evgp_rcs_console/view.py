@@ -892,7 +892,7 @@ def _row(screen: Screen, kart: KartSnapshot, place: int) -> Row:
         says=says,
         place=timed.position(shown, kart.number) if shown else f'F{kart.place}' * bool(kart.place),
         gap=shown.behind(kart.number) if shown else '',
-        note=Cell(note, Tone.BAD if urgent and notes else Tone.WAIT if done else Tone.FAINT),
+        note=Cell(note, Tone.BAD if urgent else Tone.WAIT if done else Tone.FAINT),
         buttons=tuple(
             letter if command is CommandKind.KART_FINISH else screen.kart_button(command, kart)
             for command in (_offered(each, race, kart) for each in KART_COMMANDS)

@@ -575,6 +575,7 @@ TONES = {'✓': Tone.GOOD, '…': Tone.WAIT, '!': Tone.BAD}
         ({**FLAGGED, 'flag_at': None}, '✓ driving', SAYS, ''),
         ({**FLAGGED, 'sent': RED_RED}, '✓ stopped', SAYS, ''),
         ({**FLAGGED, 'connected': False}, '! no answer', '', ''),
+        ({'stopped_itself': True, 'reported': RED_RED}, '! stopped itself', 'says RED RED', ''),
     ],
 )
 def test_a_row_says_what_a_kart_answered_and_what_it_needs(
