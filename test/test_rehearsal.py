@@ -22,7 +22,6 @@ import urllib.request
 
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.race import EventKind
 from evgp_rehearsal.event import RefusedError, Rehearsal
 from evgp_rehearsal.field import TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
@@ -251,23 +250,6 @@ def test_each_incident_happens_with_the_real_race_control_and_is_debriefed(
     assert any('Anna sent ALL_KILL' in line for line in lines), lines
     assert not any('still moving' in line for line in lines), lines
     assert lines[-1].endswith(INCIDENTS[name].order)
-
-
-@pytest.mark.long
-def test_karts_with_the_real_bridge_race_beside_the_simulated_ones(
-    tmp_path: pathlib.Path,
-) -> None:
-    with Rehearsal(the_plan(), tmp_path, bridged=2) as rehearsal:
-        start(rehearsal)
-        rehearsal.inject('spin')
-        rehearsal.official.bring_to(RaceState.RED_FLAG)
-        events = rehearsal.events()
-    for kart in rehearsal.plan.numbers[-2:]:
-        own = [each.event for each in events if each.event.kart == kart]
-        said = [each.state for each in own if each.kind is EventKind.ACKNOWLEDGED]
-        assert said[0] is RaceState.IN_GARAGE  # which our bridge says back
-        raced = [RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN, RaceState.RED_FLAG]
-        assert said[1:4] == raced
 
 
 def test_a_window_that_cannot_open_says_why_in_the_rehearsals_terminal() -> None:
