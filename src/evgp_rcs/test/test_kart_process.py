@@ -41,7 +41,14 @@ from evgp_rcs.record.runs import events_of, open_runs
 from evgp_rcs.ros import kart_client
 from evgp_rcs.ros.kart_client import KartServerClient
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import Command, Entrant, EventKind, RaceTimes, Roster
+from evgp_rcs.rules.race import (
+    Command,
+    Entrant,
+    EventKind,
+    RaceTimes,
+    Roster,
+    StampedEvent,
+)
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_testing.process import freeze
 from evgp_testing.race_control import new_port
@@ -197,14 +204,17 @@ def test_record_and_mark_say_whether_the_end_was_in_order_and_red_red_is_sent_la
     assert mark_of(begin) == RUN_BEGAN
     half.say(end) if isinstance(end, End) else half.process.send_signal(end)
     assert read_to_end(client).endswith(encode(RED_RED))
-    told: list[EventKind] = []
+    told: list[StampedEvent] = []
     while (message := half.hear()) is not None:
-        if isinstance(message, Happened):
-            told += [each.event.kind for each in message.events]
-    assert told[-2:] == [EventKind.ENDED, EventKind.DISCONNECTED]
+        told += message.events if isinstance(message, Happened) else []
+    ended, gone = (each.event for each in told[-2:])
     in_order = end != End(False)
+    assert (ended.kind, ended.success) == (EventKind.ENDED, in_order)
+    assert ('the part that hears officials failed' in ended.text) is not in_order
+    assert (gone.kind, gone.kart) == (EventKind.DISCONNECTED, 1)
+    assert gone.text.endswith('disconnected: race control ended')
     assert half.process.wait(TIMEOUT) == (0 if in_order else 1)
-    assert [each.event.kind for each in events_of(begin.record)] == told
+    assert [*events_of(begin.record)] == told
     with open_runs(begin.record) as runs:
         run = runs.choose(None)
     assert (run.ended_ns is not None) is in_order

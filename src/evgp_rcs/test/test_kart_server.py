@@ -658,21 +658,6 @@ def test_an_error_nobody_foresaw_sends_red_red_to_every_kart_and_ends_the_server
     assert isinstance(running.wait_for_failure(), ZeroDivisionError)
 
 
-def test_a_failed_end_of_race_control_is_told_before_the_disconnections_that_it_causes(
-    run: Run,
-) -> None:
-    running = run()
-    client = running.connect(1)
-    read_until(client, IN_GARAGE)
-    running._loop.call_soon_threadsafe(running.server.end, OSError('lightning'))
-    running.stop_serving()
-    ended, gone = running.events[-2:]
-    assert (ended.kind, ended.success) == (EventKind.ENDED, False)
-    assert 'lightning' in ended.text
-    assert (gone.kind, gone.kart) == (EventKind.DISCONNECTED, 1)
-    assert gone.text.endswith('disconnected: race control ended')
-
-
 def test_a_kart_that_connects_just_as_race_control_ends_is_sent_red_red(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
