@@ -517,12 +517,12 @@ a FINISH of another run of race control is taken: finish-other [green] _misnamed
 a FINISH of another race is taken: finish-other [green] _misnamed: number => command.race
 a FINISH that was undone is taken again: finish-other [green] _misnamed: attempt kart =>
     command.attempt
-an undone finish is no attempt: finish-other, availability [green] _kart_undo_finish: skips attempt
-the attempts of a race go on in the next one: finish-other [an undone finish] _grid_active: without
+an undone finish is no attempt: effect [green] _kart_undo_finish: skips attempt
+the attempts of a race go on in the next one: effect [an undone finish] _grid_active: without
     attempt
 a FINISH that names no race is refused: availability [green] _misnamed: run and #1 => kind is
     CommandKind.KART_FINISH
-a FINISH counts as somebody who is there: nobody-there [people in green] _kart_finish: after
+a FINISH counts as somebody who is there: effect [people in green] _kart_finish: after
     flag_at: self.nobody_since = None
 a heat stays in the race with karts of another one: heat [heats] heat: without karts racing
 a heat stays in the race without any kart: heat [heats] heat: inside racing => inside
@@ -536,13 +536,13 @@ a race is stopped as soon as nobody is there: effect, sent-wrong [people in gree
     limit >=
 a race is stopped though that is turned off: effect, sent-wrong [nobody told] tick: limit is =>
     since is not None and now >= since + limit
-a race is stopped for nobody where nobody ever was: nobody-there [people in green] attended: always
+a race is stopped for nobody where nobody ever was: effect [people in green] attended: always
     able_to_stop self
-a screen that is back does not count: nobody-there [people in green] attended: skips nobody_since
+a screen that is back does not count: effect [people in green] attended: skips nobody_since
     None
-to hear again that nobody is there begins the time again: nobody-there [people in green] attended:
+to hear again that nobody is there begins the time again: effect [people in green] attended:
     able_to_stop self => it or self.nobody_since is not None
-that nobody was there before the race stops it: nobody-there [a race after one without people]
+that nobody was there before the race stops it: effect [a race after one without people]
     _grid_active: skips nobody_since
 a screen that goes stops the race at once: there-acts [people in green] attended: after
     nobody_since now: self._go(RED_FLAG, now, 'gone')

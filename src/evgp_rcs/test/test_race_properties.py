@@ -224,7 +224,7 @@ class Races(RuleBasedStateMachine):
     @rule(kart=KARTS, named=st.integers(0, 4), undo=st.booleans(), step=st.floats(0.0, 12.0))
     def finish(self, kart: int, named: int, undo: bool, step: float) -> None:
         kart = 1 + kart % len(self.race.karts)
-        of = (None, *oracle.finishes(self.facts, oracle.look(self.race), kart))[named]
+        of = (None, *oracle.finishes(oracle.look(self.race), kart))[named]
         self.give(oracle.Input('command', 'KART_FINISH', kart, finish=of))
         if undo:
             self.give(oracle.Input('command', 'KART_UNDO_FINISH', kart, True))
