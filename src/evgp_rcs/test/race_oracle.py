@@ -1240,9 +1240,13 @@ def check_recovery(
         if old := remembered.get(kart.number):
             may_start = view.state is GRID_ACTIVE and old.in_race and old.doubt
             doubt = MOVING if may_start else old.doubt
-            kart = kart._replace(doubt=doubt, held_alone=old.held_alone, lost=bool(doubt))
-            if kart.number in roster:
-                kart = kart._replace(in_race=old.in_race, place=old.place)
+            kart = kart._replace(
+                in_race=old.in_race and kart.number in roster,
+                place=old.place,
+                doubt=doubt,
+                held_alone=old.held_alone,
+                lost=bool(doubt),
+            )
         found.append(kart)
     starters = tuple(number for number in view.starters * known if number in remembered)
     races = int(bool(starters))

@@ -324,6 +324,7 @@ an orderly end on the grid leaves karts that may be moving: start-memory memory:
 what is written does not say for which grid: availability, stuck memory: _gridded => 0
 a restart forgets the karts that left the roster: restart recover: always held not
 a restart does not name the karts that left the roster: restart recover: skips _add_event
+a restart forgets the places: restart recover: skips place
 a restart forgets a stop that was left unanswered: restart recover: before held_alone: kart.doubt =
     min(kart.doubt, Doubt.GRID)
 a restart forgets who was on the grid: restart recover: before held_alone: if kart.doubt is

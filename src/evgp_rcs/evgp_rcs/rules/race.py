@@ -679,7 +679,7 @@ class Race:
                 self._add_event(EventKind.KART_STATE, f'{text}individually', number, RED_RED)
             else:
                 kart.in_race = before.in_race
-                kart.place = before.place
+            kart.place = before.place
             kart.doubt = before.doubt
             kart.held_alone = before.held_alone
             kart.lost = bool(kart.doubt)
