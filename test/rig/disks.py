@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Small disks, which become full and read-only at once."""
+"""Small disks, which become full and read-only at once, and a file that a bad one leaves."""
 
 from __future__ import annotations
 
@@ -39,3 +39,10 @@ def filled(disk: pathlib.Path) -> pathlib.Path:
     with pytest.raises(OSError, match='No space left'):
         ballast.write_bytes(bytes(1 << 20))
     return ballast
+
+
+def garble_schema(path: pathlib.Path) -> None:
+    """Change a byte of a database, so that SQLite's message about it is no text either."""
+    whole = path.read_bytes()
+    assert b'CREATE TABLE block' in whole
+    path.write_bytes(whole.replace(b'CREATE TABLE block', b'CRE\xe9TE TABLE block'))

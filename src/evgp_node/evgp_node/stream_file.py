@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import os
 import pathlib
 import sqlite3
+from typing import Any
 
 SCHEMA_VERSION = 12
 """The ``user_version`` of these files."""
@@ -35,6 +36,20 @@ class OtherFileError(sqlite3.DatabaseError):
     """The file belongs to another program, or to another version. The text says which one."""
 
 
+class _Database(sqlite3.Connection):
+    """A connection whose every error is SQLite's."""
+
+    def execute(self, *given: Any) -> sqlite3.Cursor:
+        try:
+            return super().execute(*given)
+        except UnicodeDecodeError as error:  # SQLite's message contains the garbled name
+            raise sqlite3.DatabaseError('its schema is garbled') from error
+
+
+def _connect(database: str | pathlib.Path, **more: Any) -> sqlite3.Connection:
+    return sqlite3.connect(database, timeout=1.0, factory=_Database, **more)
+
+
 def check_version(database: sqlite3.Connection) -> None:
     """
     Check that a database has the version of these files.
@@ -57,7 +72,7 @@ def open_for_writing(path: pathlib.Path, *tables: str) -> tuple[sqlite3.Connecti
     :raises sqlite3.Error: if it cannot be written.
     """
     # The timekeeper opens its book in one thread, and writes into it in another.
-    database = sqlite3.connect(path, timeout=1.0, isolation_level=None, check_same_thread=False)
+    database = _connect(path, isolation_level=None, check_same_thread=False)
     try:
         (found,) = database.execute('SELECT count(*) FROM sqlite_master').fetchone()
         (version,) = database.execute('PRAGMA user_version').fetchone()
@@ -81,7 +96,7 @@ def open_for_writing(path: pathlib.Path, *tables: str) -> tuple[sqlite3.Connecti
 
 def connection(path: pathlib.Path, how: str) -> sqlite3.Connection:
     """Open a file with parameters of SQLite's, such as ``mode=ro``."""
-    return sqlite3.connect(f'{path.absolute().as_uri()}?{how}', uri=True, timeout=1.0)
+    return _connect(f'{path.absolute().as_uri()}?{how}', uri=True)
 
 
 def open_for_reading(path: pathlib.Path) -> sqlite3.Connection:

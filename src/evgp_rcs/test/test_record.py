@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import contextlib
 import dataclasses
-import functools
 import math
 import os
 import pathlib
@@ -16,6 +15,7 @@ import sqlite3
 import time
 from typing import Any, Literal
 
+from evgp_node import stream_file
 from evgp_node.stream import Began, Block
 from evgp_node.stream_file import blocks_of, open_for_reading
 from evgp_protocol.states import RaceState
@@ -34,7 +34,7 @@ from evgp_rcs.rules.race import (
     StampedEvent,
 )
 import pytest
-from rig.disks import filled, remount, small_disk
+from rig.disks import filled, garble_schema, remount, small_disk
 
 RULES = Rules('rules', Setup((), RaceTimes(), (), 0.0))
 HOME = RaceMemory(RaceState.IN_GARAGE, {7: KartMemory(True, False, 0, Doubt.NONE, False)})
@@ -162,7 +162,9 @@ def garble_the_memory(path: pathlib.Path) -> None:
         database.commit()
 
 
-@pytest.mark.parametrize('harm', [damage, cut_short, garble_the_memory, pathlib.Path.unlink])
+@pytest.mark.parametrize(
+    'harm', [damage, cut_short, garble_the_memory, garble_schema, pathlib.Path.unlink]
+)
 def test_a_record_that_was_harmed_knows_nothing(
     begin: Begin, path: pathlib.Path, harm: Callable[[pathlib.Path], None]
 ) -> None:
@@ -282,8 +284,7 @@ def test_what_a_disk_took_although_it_said_no_is_no_failure_for_ever(
     begin: Begin, path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as failing:
-        connect = functools.partial(sqlite3.connect, factory=Doubtful)
-        failing.setattr(sqlite3, 'connect', connect)
+        failing.setattr(stream_file, '_Database', Doubtful)
         record = begin()
         put(record, event(1, 'first'))
         assert not record.write()

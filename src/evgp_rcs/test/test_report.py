@@ -63,6 +63,7 @@ from recorded_races import (
     three_karts,
     timed,
 )
+from rig.disks import garble_schema
 
 RED_FLAG, RED_RED = RaceState.RED_FLAG.name, RaceState.RED_RED.name
 
@@ -660,6 +661,7 @@ def in_database(statement: str) -> Callable[[pathlib.Path], None]:
             lambda book: book.write_bytes(bytes(10_000)),
             "the timekeeper's results are missing",
         ),
+        (garble_schema, 'its schema is garbled'),
         (in_database("UPDATE block SET data = x'00112233'"), 'results may be missing'),
         (in_database('PRAGMA user_version = 1'), 'its version is 1, not'),
     ],

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
-import functools
 import pathlib
 import sqlite3
 import time
 from typing import Any
 import zlib
 
+from evgp_node import stream_file
 from evgp_node.results import BY_HAND, Standings
 from evgp_node.stream import Began, Block, Gap
 from evgp_protocol import clock
@@ -22,6 +22,7 @@ from evgp_timing.desk import Input, Passed, Told, What
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
+from rig.disks import garble_schema
 from rig.values import any_of, ANYTHING
 
 NAMES = st.text(st.characters(codec='utf-8'), max_size=12) | st.just(BY_HAND)
@@ -102,7 +103,14 @@ def half_lost(path: pathlib.Path) -> None:
     path.write_bytes(content[:half] + bytes([255]) * (len(content) - half))
 
 
-@pytest.mark.parametrize('damage', [no_database, another_version, another_program, half_lost])
+def garbled(path: pathlib.Path) -> None:
+    Book(path).close()
+    garble_schema(path)
+
+
+@pytest.mark.parametrize(
+    'damage', [no_database, another_version, another_program, garbled, half_lost]
+)
 def test_a_file_that_is_no_book_is_left_alone_and_refused_with_what_to_do(
     damage: Callable[[pathlib.Path], None], path: pathlib.Path
 ) -> None:
@@ -215,8 +223,7 @@ def test_a_disk_that_says_no_is_told_and_what_comes_later_is_written(
     path: pathlib.Path, takes_it: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as opening:
-        connect = functools.partial(sqlite3.connect, factory=Doubtful)
-        opening.setattr(sqlite3, 'connect', connect)
+        opening.setattr(stream_file, '_Database', Doubtful)
         opened = Book(path)
     opened.write(TOLD)
     with contextlib.closing(sqlite3.connect(path)) as other, monkeypatch.context() as failing:

@@ -179,8 +179,6 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
         raise UnreadableError(f'{file} {_why_unreadable(error)}') from error
     except OSError as error:
         raise UnreadableError(f'{file} cannot be read: {error.strerror or error}') from error
-    except UnicodeDecodeError as error:
-        raise UnreadableError(f'{file} is damaged: its schema is garbled') from error
     if damage:
         say(f'{file} is damaged ({damage}); this is what sqlite3 could recover from it')
 
@@ -211,8 +209,6 @@ def _damage(file: pathlib.Path, database: sqlite3.Connection) -> str:
         if not _is_damage(error):
             raise
         return str(error)
-    except UnicodeDecodeError:  # SQLite's message contains the garbled name
-        return 'its schema is garbled'
     return '' if found == 'ok' else str(found).replace('\n', ' ')
 
 
