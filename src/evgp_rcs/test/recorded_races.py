@@ -18,7 +18,7 @@ from typing import Any, cast
 
 from evgp_node.results import Corrected, Standings
 from evgp_node.stream import Began, Block, Gap, Stream
-from evgp_node.stream_file import blocks_of, BOOK, SCHEMA_VERSION
+from evgp_node.stream_file import blocks_of, BOOK, open_for_writing, WRITE_BLOCK
 from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
@@ -273,10 +273,9 @@ def timed(record: pathlib.Path, *results: Standings | Corrected) -> pathlib.Path
     stream: Stream[Standings | Corrected | Began] = Stream([Standings, Corrected, Began])
     entries = Began('boot', 'timekeeper', 0), *(each._replace(run=run.id) for each in results)
     block = Block(0, b''.join(map(stream.encode, entries))).compressed()
-    with contextlib.closing(sqlite3.connect(record.with_name(BOOK))) as database, database:
-        database.execute('CREATE TABLE IF NOT EXISTS block (run, number, data)')
-        database.execute('INSERT INTO block VALUES (?, 1, ?)', (run.number, block))
-        database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
+    book, _ = open_for_writing(record.with_name(BOOK))
+    with contextlib.closing(book):
+        book.execute(WRITE_BLOCK, (run.number, 1, block))
     return record
 
 

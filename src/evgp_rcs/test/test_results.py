@@ -69,48 +69,40 @@ def test_a_finish_that_was_undone_is_none_and_later_places_move_up(paper: PaperR
     assert why(paper) == {8: Why.FINISH_UNDONE, 9: Why.RACE_STOPPED}
 
 
-def test_what_happens_to_a_kart_after_its_finish_takes_no_place_away(paper: PaperRace) -> None:
+def test_only_the_first_reason_counts_and_nothing_after_a_finish_takes_its_place_away() -> None:
+    paper = PaperRace(dict.fromkeys(range(1, 7), ''))
+    paper.connect(*paper.race.karts)
     paper.drive()
-    paper.command(CommandKind.KART_FINISH, 7)
-    paper.command(CommandKind.KART_FINISH, 8)
-    paper.lose(7)
-    paper.command(CommandKind.KART_RED_RED, 8)
-    paper.wait(10.0)
+    paper.wait(1.0)
+    paper.command(CommandKind.KART_FINISH, 1)
+    paper.command(CommandKind.KART_FINISH, 2)
+    paper.lose(1)
+    paper.command(CommandKind.KART_RED_RED, 2)
+    paper.lose(3)
+    paper.command(CommandKind.KART_RED_FLAG, 4)
+    paper.wait(1.0)
+    paper.command(CommandKind.KART_RED_RED, 3)
+    paper.lose(4)
+    paper.command(CommandKind.RED_FLAG)
+    paper.lose(5)
+    paper.command(CommandKind.KART_RED_RED, 6)
     race_over(paper)
-    assert why(paper) == {9: Why.RACE_STOPPED}
-
-
-def test_only_the_first_reason_counts(paper: PaperRace) -> None:
-    paper.drive()
-    paper.wait(1.0)
-    paper.lose(7)
-    paper.command(CommandKind.KART_RED_FLAG, 8)
-    paper.wait(1.0)
-    paper.command(CommandKind.KART_RED_RED, 7)
-    paper.lose(8)
-    paper.command(CommandKind.ALL_KILL)
-    assert why(paper) == {7: Why.LOST, 8: Why.STOPPED_ALONE, 9: Why.RACE_STOPPED}
-    out = [each.out for each in found(paper).values() if each.out]
-    assert [named(each.event) for each in out] == ['DISCONNECTED', 'KART_RED_FLAG', 'ALL_KILL']
+    became = found(paper)
+    assert [kart for kart, each in became.items() if each.place] == [1, 2]
+    out = {
+        kart: (each.out.why, named(each.out.event)) for kart, each in became.items() if each.out
+    }
+    assert out == {
+        3: (Why.LOST, 'DISCONNECTED'),
+        4: (Why.STOPPED_ALONE, 'KART_RED_FLAG'),
+        5: (Why.RACE_STOPPED, 'RED_FLAG'),
+        6: (Why.RACE_STOPPED, 'RED_FLAG'),
+    }
     (race,) = paper.account().races
     assert list(map(named, race.incidents)) == [
-        *('DISCONNECTED', 'KART_RED_FLAG', 'KART_RED_RED', 'DISCONNECTED', 'ALL_KILL')
+        *('DISCONNECTED', 'KART_RED_RED', 'DISCONNECTED', 'KART_RED_FLAG'),
+        *('KART_RED_RED', 'DISCONNECTED', 'RED_FLAG', 'DISCONNECTED', 'KART_RED_RED'),
     ]
-
-
-def test_who_is_lost_after_the_race_was_flagged_did_not_finish_because_of_the_flag(
-    paper: PaperRace,
-) -> None:
-    paper.drive()
-    paper.wait(1.0)
-    paper.command(CommandKind.RED_FLAG)
-    paper.wait(1.0)
-    paper.lose(7)
-    paper.command(CommandKind.KART_RED_RED, 8)
-    race_over(paper)
-    assert set(why(paper).values()) == {Why.RACE_STOPPED}
-    flags = {each.out.event for each in found(paper).values() if each.out}
-    assert [each and each.event.command for each in flags] == [CommandKind.RED_FLAG]
 
 
 def test_a_race_that_race_control_left_was_ended_by_that(paper: PaperRace) -> None:
