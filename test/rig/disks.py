@@ -1,13 +1,14 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Small disks, which become full and read-only at once, and a file that a bad one leaves."""
+"""Small disks, which become full and read-only at once, and files that somebody has harmed."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 import pathlib
+import sqlite3
 import subprocess
 
 import pytest
@@ -39,6 +40,20 @@ def filled(disk: pathlib.Path) -> pathlib.Path:
     with pytest.raises(OSError, match='No space left'):
         ballast.write_bytes(bytes(1 << 20))
     return ballast
+
+
+Harm = Callable[[pathlib.Path], object]
+"""Does something to a file."""
+
+
+def in_database(statements: str) -> Harm:
+    """Return what changes a database, or makes one."""
+
+    def change(path: pathlib.Path) -> None:
+        with contextlib.closing(sqlite3.connect(path)) as database:
+            database.executescript(statements)
+
+    return change
 
 
 def garble_schema(path: pathlib.Path) -> None:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import contextlib
 import importlib.util
 import io
@@ -27,6 +26,7 @@ from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.inputs import Batch, decode, encode, Rules
 import pytest
 from recorded_races import change_event, PaperRace
+from rig.disks import Harm, in_database
 from rig.needs import need_program
 from test_inputs import HOSTILE_JSON, places_in, with_hostile
 from test_replay import an_ended_run, Running, SETUP
@@ -149,9 +149,6 @@ def test_long_work_says_at_a_terminal_how_far_it_has_come(
 # ----- bad files ------------------------------------------------------------------------------
 
 
-Harm = Callable[[pathlib.Path], object]
-
-
 def in_place_of(make: Harm) -> Harm:
     """Return what removes the file, and makes something else there."""
     return lambda path: (path.unlink(), make(path))
@@ -167,20 +164,10 @@ def change(path: pathlib.Path, statement: str, *values: object) -> None:
         database.execute(statement, values)
 
 
-def changed(statement: str) -> Harm:
-    """Return what changes the database."""
-    return lambda path: change(path, statement)
-
-
 def overwritten(path: pathlib.Path, at: int) -> None:
     with path.open('r+b') as file:
         file.seek(at // PAGE * PAGE)
         file.write(b'\xff' * PAGE)
-
-
-def another_database_that_looks_like_one(path: pathlib.Path) -> None:
-    with contextlib.closing(sqlite3.connect(path)) as database:
-        database.executescript('CREATE TABLE block (day TEXT); PRAGMA user_version = 2')
 
 
 def locked(path: pathlib.Path) -> sqlite3.Connection:
@@ -198,9 +185,11 @@ UNREADABLE_FILES: dict[str, Harm] = {
     'a folder': in_place_of(pathlib.Path.mkdir),
     'a pipe': in_place_of(os.mkfifo),
     'a text': lambda path: path.write_text('Kart 7 was first.\n' * 1000),
-    'another database': in_place_of(changed('CREATE TABLE bookmark (url TEXT)')),
-    'another database that looks like one': in_place_of(another_database_that_looks_like_one),
-    'a later version': changed('PRAGMA user_version = 99'),
+    'another database': in_place_of(in_database('CREATE TABLE bookmark (url TEXT)')),
+    'another database that looks like one': in_place_of(
+        in_database('CREATE TABLE block (day TEXT); PRAGMA user_version = 2')
+    ),
+    'a later version': in_database('PRAGMA user_version = 99'),
     'a garbled beginning': lambda path: overwritten(path, 0),
     'cut in its first page': cut_to(0.0, 1000),
 }

@@ -34,7 +34,7 @@ from evgp_rcs.rules.race import (
     StampedEvent,
 )
 import pytest
-from rig.disks import filled, garble_schema, remount, small_disk
+from rig.disks import filled, garble_schema, Harm, in_database, remount, small_disk
 
 RULES = Rules('rules', Setup((), RaceTimes(), (), 0.0))
 HOME = RaceMemory(RaceState.IN_GARAGE, {7: KartMemory(True, False, 0, Doubt.NONE, False)})
@@ -124,14 +124,11 @@ def no_text_file(path: pathlib.Path) -> None:
     )
 
 
-def no_database_of_ours(path: pathlib.Path) -> None:
-    with contextlib.closing(sqlite3.connect(path)) as database:
-        database.execute('CREATE TABLE invoices (sum INTEGER)')
-
-
-@pytest.mark.parametrize('make', [no_text_file, no_database_of_ours, os.mkfifo])
+@pytest.mark.parametrize(
+    'make', [no_text_file, in_database('CREATE TABLE invoices (sum)'), os.mkfifo]
+)
 def test_a_file_that_is_no_record_is_left_alone_and_does_not_keep_race_control_from_starting(
-    begin: Begin, path: pathlib.Path, make: Callable[[pathlib.Path], None]
+    begin: Begin, path: pathlib.Path, make: Harm
 ) -> None:
     path.parent.mkdir()
     make(path)
@@ -156,17 +153,18 @@ def cut_short(path: pathlib.Path) -> None:
     path.write_bytes(path.read_bytes()[:1000])
 
 
-def garble_the_memory(path: pathlib.Path) -> None:
-    with contextlib.closing(sqlite3.connect(path)) as database:
-        database.execute("UPDATE memory SET data = '[1, 2'")
-        database.commit()
-
-
 @pytest.mark.parametrize(
-    'harm', [damage, cut_short, garble_the_memory, garble_schema, pathlib.Path.unlink]
+    'harm',
+    [
+        damage,
+        cut_short,
+        in_database("UPDATE memory SET data = '[1, 2'"),
+        garble_schema,
+        pathlib.Path.unlink,
+    ],
 )
 def test_a_record_that_was_harmed_knows_nothing(
-    begin: Begin, path: pathlib.Path, harm: Callable[[pathlib.Path], None]
+    begin: Begin, path: pathlib.Path, harm: Harm
 ) -> None:
     record = begin()
     record.remember(HOME)

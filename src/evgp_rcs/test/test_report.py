@@ -5,13 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-import contextlib
 import hashlib
 import pathlib
 import random
 import re
-import sqlite3
 
 from evgp_node.results import (
     Act,
@@ -63,7 +60,7 @@ from recorded_races import (
     three_karts,
     timed,
 )
-from rig.disks import garble_schema
+from rig.disks import garble_schema, Harm, in_database
 
 RED_FLAG, RED_RED = RaceState.RED_FLAG.name, RaceState.RED_RED.name
 
@@ -645,14 +642,6 @@ def test_the_standing_over_all_heats_is_the_newest_for_every_race(
     ]
 
 
-def in_database(statement: str) -> Callable[[pathlib.Path], None]:
-    def harm(book: pathlib.Path) -> None:
-        with contextlib.closing(sqlite3.connect(book)) as database, database:
-            database.execute(statement)
-
-    return harm
-
-
 @pytest.mark.parametrize(
     ('harm', 'sentence'),
     [
@@ -670,7 +659,7 @@ def test_without_a_book_that_can_be_read_there_is_a_sentence_and_the_order_of_fi
     paper: PaperRace,
     tmp_path: pathlib.Path,
     capsys: pytest.CaptureFixture[str],
-    harm: Callable[[pathlib.Path], None],
+    harm: Harm,
     sentence: str,
 ) -> None:
     drive_and_stop(paper)

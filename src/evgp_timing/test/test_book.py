@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import contextlib
 import pathlib
 import sqlite3
@@ -22,7 +21,7 @@ from evgp_timing.desk import Input, Passed, Told, What
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
-from rig.disks import garble_schema
+from rig.disks import garble_schema, Harm, in_database
 from rig.values import any_of, ANYTHING
 
 NAMES = st.text(st.characters(codec='utf-8'), max_size=12) | st.just(BY_HAND)
@@ -83,16 +82,6 @@ def no_database(path: pathlib.Path) -> None:
     path.write_bytes(b'no database' * 1000)
 
 
-def another_version(path: pathlib.Path) -> None:
-    with contextlib.closing(sqlite3.connect(path)) as database:
-        database.execute('PRAGMA user_version = 3')
-
-
-def another_program(path: pathlib.Path) -> None:
-    with contextlib.closing(sqlite3.connect(path)) as database:
-        database.execute('CREATE TABLE invoices (sum INTEGER)')
-
-
 def half_lost(path: pathlib.Path) -> None:
     opened = Book(path)
     for number in range(300):
@@ -109,10 +98,17 @@ def garbled(path: pathlib.Path) -> None:
 
 
 @pytest.mark.parametrize(
-    'damage', [no_database, another_version, another_program, garbled, half_lost]
+    'damage',
+    [
+        no_database,
+        in_database('PRAGMA user_version = 3'),
+        in_database('CREATE TABLE invoices (sum)'),
+        garbled,
+        half_lost,
+    ],
 )
 def test_a_file_that_is_no_book_is_left_alone_and_refused_with_what_to_do(
-    damage: Callable[[pathlib.Path], None], path: pathlib.Path
+    damage: Harm, path: pathlib.Path
 ) -> None:
     path.parent.mkdir()
     damage(path)
