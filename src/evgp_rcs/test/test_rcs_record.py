@@ -100,6 +100,15 @@ def test_the_word_show_may_be_left_out(good: pathlib.Path, capsys: Capture) -> N
         assert capsys.readouterr().out == without
 
 
+@pytest.mark.parametrize('way', ['report', 'results'])
+def test_no_record_is_written_over_by_what_is_made_of_one(
+    way: str, good: pathlib.Path, recorded: pathlib.Path, capsys: Capture
+) -> None:
+    assert rcs_record([way, str(recorded), '-o', str(good)]) == FAILED
+    assert str(good) in capsys.readouterr().err
+    assert good.read_bytes() == recorded.read_bytes()
+
+
 def test_a_misspelt_subcommand_is_no_file(capsys: Capture) -> None:
     assert rcs_record(['reprot', '-o', 'x.html']) == UNREADABLE
     assert 'report' in capsys.readouterr().err

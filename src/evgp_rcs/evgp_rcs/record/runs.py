@@ -64,6 +64,9 @@ def put(text: str, output: pathlib.Path | None, what: str) -> int:
         print(text, end='')
         return DONE
     try:
+        if output.is_file() and _is_database(output):
+            say(f'{output} is a database, such as a record. Give another name after -o')
+            return FAILED
         with output.open('w', encoding='utf-8', errors='replace', newline='') as stream:
             stream.write(text)
     except OSError as error:
@@ -71,6 +74,11 @@ def put(text: str, output: pathlib.Path | None, what: str) -> int:
         return FAILED
     print(f'{plain(str(output))}: {what}')
     return DONE
+
+
+def _is_database(file: pathlib.Path) -> bool:
+    with file.open('rb') as stream:
+        return stream.read(15) == b'SQLite format 3'
 
 
 @dataclasses.dataclass(frozen=True)
