@@ -66,29 +66,26 @@ class Team(RosSide):
     ``state`` is the bridge's newest race state, and ``stop`` its lock. ``changes`` are the race
     states received, without repetitions, each with the monotonic time (s) of its first message.
     ``states`` are the same without times. ``speed`` is odometry's newest speed, in m/s.
-
-    :param bridge: the full name of the bridge's node.
     """
 
-    def __init__(self, domain: int, name: str = 'team', bridge: str = '/kart_bridge') -> None:
+    def __init__(self, domain: int, name: str = 'team') -> None:
         super().__init__(name, domain)
         self.state: msg.KartRaceState | None = None
         self.changes: list[tuple[float, RaceState | None]] = []
         self.stop: bool | None = None
         self.speed: float | None = None
         self.diagnostics: list[DiagnosticStatus] = []
-        self._bridge = bridge
         self._driven = 0.0
         self._rolls = self._place = 0.0
-        self._acknowledge = self.node.create_client(srv.Acknowledge, f'{bridge}/acknowledge')
-        self._team_stop = self.node.create_client(SetBool, f'{bridge}/team_stop')
+        self._acknowledge = self.node.create_client(srv.Acknowledge, '/kart_bridge/acknowledge')
+        self._team_stop = self.node.create_client(SetBool, '/kart_bridge/team_stop')
         self.node.create_subscription(
-            msg.KartRaceState, f'{bridge}/race_state', self._hear_state, latched(1)
+            msg.KartRaceState, '/kart_bridge/race_state', self._hear_state, latched(1)
         )
         self.node.create_subscription(
-            Bool, f'{bridge}/stop', lambda stop: self.learn(stop=stop.data), latched(1)
+            Bool, '/kart_bridge/stop', lambda stop: self.learn(stop=stop.data), latched(1)
         )
-        self.node.create_subscription(Odometry, f'{bridge}/odom', self._hear_speed, 10)
+        self.node.create_subscription(Odometry, '/kart_bridge/odom', self._hear_speed, 10)
         self.node.create_subscription(
             DiagnosticArray,
             '/diagnostics',
@@ -120,7 +117,7 @@ class Team(RosSide):
         """Publish this speed, in m/s, as odometry from now on, at 50 Hz."""
         self._driven = speed
         if self._odometry is None:
-            odometry = self.node.create_publisher(Odometry, f'{self._bridge}/odom', 10)
+            odometry = self.node.create_publisher(Odometry, '/kart_bridge/odom', 10)
             self._odometry = odometry
             self.node.create_timer(0.02, self._publish_speed)
             # The bridge subscribes, and so does this node.
