@@ -43,10 +43,8 @@ def report_on(kart: LinkSurvey | None, marks: Iterable[Mark] = (), held_up: floa
     return Report(BEGAN, 90.0, karts, list(marks), held_up, LIMITS)
 
 
-def failed(kart: LinkSurvey, held_up: float = 0.0) -> list[str]:
-    return [
-        each.name for each in kart.figures(LIMITS, held_up) if each.verdict is not Verdict.PASS
-    ]
+def failed(kart: LinkSurvey) -> list[str]:
+    return [each.name for each in kart.figures(LIMITS) if each.verdict is not Verdict.PASS]
 
 
 def test_a_good_network_passes() -> None:
