@@ -31,6 +31,7 @@ from evgp_testing.race_control import address_of
 import pytest
 from rig.needs import cannot_run
 from rig.terminal import Terminal
+from test_wire_document import client_at
 
 ROOT = pathlib.Path(__file__).parents[1]
 INSPECT = [sys.executable, str(ROOT / 'src/evgp_inspection'), 'kart']
@@ -153,9 +154,6 @@ KILLED = {'K-3E-09', 'K-3E-10'}
 
 def client_of_the_document(port: int, udp: int) -> str:
     """Return the client of docs/wire.md, with wheels whose speed it sends as odometry."""
-    text = (ROOT / 'docs/wire.md').read_text(encoding='utf-8')
-    (client,) = re.findall(r'^```python\n(.*?)^```$', text, re.MULTILINE | re.DOTALL)
-    client = client.replace("('10.0.0.1', 12017)", f"('127.0.0.1', {port})")
     wheels = f"""
 import threading
 wheels = {{'speed': 0.0, 'target': 0.0, 'braking': 0.2}}
@@ -178,7 +176,8 @@ def drive(state):
 
 threading.Thread(target=turn, daemon=True).start()
 """
-    return client.replace('\nwhile True:\n    drive(', f'{wheels}\nwhile True:\n    drive(')
+    begin = '\nwhile True:\n    drive('
+    return client_at(port).replace(begin, f'{wheels}{begin}')
 
 
 def free_udp_port() -> int:

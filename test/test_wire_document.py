@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The client in docs/wire.md, run as it stands: in a network where race control is at 10.0.0.1.
+The client in docs/wire.md: in a race, as it stands, where race control is at 10.0.0.1.
 
 test_inspection.py inspects it; here is what an inspection does not try.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 import contextlib
 import pathlib
 import re
@@ -32,71 +31,56 @@ ROOT = pathlib.Path(__file__).parents[1]
 GRID_ACTIVE, GREEN_GREEN = RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN
 RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
 RACE_CONTROL = ('10.0.0.1', 12017)
+(CLIENT,) = re.findall(
+    r'^```python\n(.*?)^```$',
+    (ROOT / 'docs/wire.md').read_text(encoding='utf-8'),
+    re.MULTILINE | re.DOTALL,
+)
 
 
-class Track:
-    """
-    A network in which race control is at 10.0.0.1, and the document's client as its only kart.
-
-    ``listening`` is race control's socket there.
-
-    :raises NetworkError: if this machine does not let us make networks.
-    """
-
-    def __init__(self, parts: contextlib.ExitStack) -> None:
-        self._parts = parts
-        self._network = parts.enter_context(Namespace())
-        self._network.ip(f'addr add {RACE_CONTROL[0]}/32 dev lo')
-        with self._network.inside():
-            self.listening = parts.enter_context(socket.create_server(RACE_CONTROL))
-
-    def start_client(self) -> None:
-        """Run the client of the document as it stands."""
-        text = (ROOT / 'docs/wire.md').read_text(encoding='utf-8')
-        (client,) = re.findall(r'^```python\n(.*?)^```$', text, re.MULTILINE | re.DOTALL)
-        with self._network.inside():
-            self.client = Program('client', [sys.executable, '-c', client])
-        self._parts.callback(self.client.kill)
-
-
-@pytest.fixture
-def track(parts: contextlib.ExitStack) -> Track:
-    need_networks()
-    return Track(parts)
+def client_at(port: int) -> str:
+    """Return the client for a race control at a port of this machine."""
+    assert str(RACE_CONTROL) in CLIENT
+    return CLIENT.replace(str(RACE_CONTROL), f"('127.0.0.1', {port})")
 
 
 class Heard:
     """Race control's end of the wire, and all that the client has said."""
 
-    def __init__(self, track: Track) -> None:
+    def __init__(self, parts: contextlib.ExitStack) -> None:
         self.states: list[RaceState] = []
-        self.race = BareRaceControl(self.states.append, track.listening)
-        track.start_client()
+        self.race = parts.enter_context(BareRaceControl(self.states.append))
+        self.client = Program('client', [sys.executable, '-c', client_at(self.race.port)])
+        parts.callback(self.client.kill)
         self.race.wait_for_connections(1)
 
 
 @pytest.fixture
-def heard(track: Track) -> Iterator[Heard]:
-    heard = Heard(track)
-    yield heard
-    heard.race.close()
+def heard(parts: contextlib.ExitStack) -> Heard:
+    return Heard(parts)
 
 
 def test_the_client_of_the_document_drives_a_race_of_the_real_race_control(
-    track: Track,
+    parts: contextlib.ExitStack,
     start_race_control: StartRaceControl,
     join_official: JoinOfficial,
 ) -> None:
+    need_networks()
     control = start_race_control(in_race=[1])
     official = join_official(control)
+    network = parts.enter_context(Namespace())
+    network.ip(f'addr add {RACE_CONTROL[0]}/32 dev lo')
 
     def carry(source: socket.socket, sink: socket.socket) -> None:
         with contextlib.suppress(OSError):
             while data := source.recv(4096):
                 sink.sendall(data)
 
-    track.start_client()
-    kart, _ = track.listening.accept()
+    with network.inside():
+        listening = parts.enter_context(socket.create_server(RACE_CONTROL))
+        client = Program('client', [sys.executable, '-c', CLIENT])
+    parts.callback(client.kill)
+    kart, _ = listening.accept()
     with (
         kart,
         kart_socket(address_of(1), ('127.0.0.1', control.port)) as link,
@@ -114,14 +98,14 @@ def test_the_client_of_the_document_drives_a_race_of_the_real_race_control(
             thread.join()
 
 
-def test_old_frames_give_the_client_no_more_time(track: Track, heard: Heard) -> None:
+def test_old_frames_give_the_client_no_more_time(heard: Heard) -> None:
     def back_after(attempt: int) -> float:
         heard.race.exchange(GRID_ACTIVE)
-        track.client.signal(signal.SIGSTOP)
+        heard.client.signal(signal.SIGSTOP)
         silent_at = time.monotonic()
         time.sleep(0.9)  # that time passes is itself what is awaited
         heard.race.fall_silent()
-        track.client.signal(signal.SIGCONT)
+        heard.client.signal(signal.SIGCONT)
         heard.race.wait_for_connections(attempt + 1)
         return time.monotonic() - silent_at
 
