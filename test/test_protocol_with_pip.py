@@ -13,6 +13,7 @@ import sys
 import zipfile
 
 import pytest
+from test_team_workspace import blocks
 
 PACKAGE = pathlib.Path(__file__).resolve().parents[1] / 'src/evgp_protocol'
 
@@ -55,8 +56,7 @@ def python(wheel: pathlib.Path) -> pathlib.Path:
 
 
 def test_the_example_of_its_readme_runs_with_this_package_alone(python: pathlib.Path) -> None:
-    readme = (PACKAGE / 'README.md').read_text(encoding='utf-8')
-    (example,) = re.findall(r'^```python\n(.*?)^```$', readme, re.MULTILINE | re.DOTALL)
+    (example,) = blocks('src/evgp_protocol/README.md', 'python')
     done = subprocess.run(
         [python, '-I', '-W', 'error', '-c', example], capture_output=True, text=True, check=False
     )

@@ -12,7 +12,6 @@ import inspect
 import os
 import pathlib
 import random
-import re
 import sys
 import textwrap
 import time
@@ -29,8 +28,8 @@ import pytest
 from rig.bare_race_control import BareRaceControl
 from rig.cpp import CPP, need_package
 from rig.faulty_nodes import program_of, StackThatAnswersTheLatest
+from test_team_workspace import blocks
 
-ROOT = pathlib.Path(__file__).parents[1]
 STOPS = int(os.environ.get('EVGP_STOPS', '12'))
 """How many stops are tried, over all karts."""
 
@@ -132,19 +131,15 @@ def test_a_stack_that_answers_the_latest_command_is_caught_rolling(
 
 
 def test_the_document_shows_the_step_of_the_stack_as_it_is() -> None:
-    document = (ROOT / 'docs/teams.md').read_text(encoding='utf-8')
-    shown = re.findall(r'^```python\n(.*?)^```$', document, re.MULTILINE | re.DOTALL)
-    assert shown == [textwrap.dedent(inspect.getsource(shortest_stack.Stack.step))]
+    assert blocks('docs/teams.md', 'python') == [
+        textwrap.dedent(inspect.getsource(shortest_stack.Stack.step))
+    ]
 
 
 def test_the_stack_on_the_first_page_acknowledges_all_that_a_kart_at_rest_has_done(
     parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
 ) -> None:
-    (shown,) = re.findall(
-        r'^```python\n(.*?)^```$',
-        (ROOT / 'README.md').read_text(encoding='utf-8'),
-        re.MULTILINE | re.DOTALL,
-    )
+    (shown,) = blocks('README.md', 'python')
     program = tmp_path / 'my_stack.py'
     program.write_text(shown, encoding='utf-8')
     heard: list[RaceState] = []

@@ -10,8 +10,6 @@ test_inspection.py inspects it; here is what an inspection does not try.
 from __future__ import annotations
 
 import contextlib
-import pathlib
-import re
 import signal
 import socket
 import sys
@@ -26,16 +24,12 @@ from evgp_testing.wire_kart import kart_socket
 import pytest
 from rig.bare_race_control import BareRaceControl, BEAT
 from rig.networks import Namespace, need_networks
+from test_team_workspace import blocks
 
-ROOT = pathlib.Path(__file__).parents[1]
 GRID_ACTIVE, GREEN_GREEN = RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN
 RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
 RACE_CONTROL = ('10.0.0.1', 12017)
-(CLIENT,) = re.findall(
-    r'^```python\n(.*?)^```$',
-    (ROOT / 'docs/wire.md').read_text(encoding='utf-8'),
-    re.MULTILINE | re.DOTALL,
-)
+(CLIENT,) = blocks('docs/wire.md', 'python')
 
 
 def client_at(port: int) -> str:
