@@ -10,7 +10,6 @@ import contextlib
 import os
 import pathlib
 import re
-import signal
 import socket
 import subprocess
 import sys
@@ -24,12 +23,13 @@ from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import StartRaceControl
 from evgp_testing.kart import Bridge
 from evgp_testing.official import Official
-from evgp_testing.process import executable, Process
+from evgp_testing.part import PATIENCE
+from evgp_testing.process import executable, Process, Program
 from evgp_testing.race_control import address_of, RaceControl, settings, write_roster
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 from rig.console import Console
-from rig.foreign_node import Findings, ForeignNode
+from rig.foreign_node import ForeignNode
 from rig.networks import Namespace, need_networks
 from rig.screen import Screen, why_no_screen
 
@@ -50,33 +50,27 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 NOT_SET = (graph.INTERFACE, 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'MAKEFLAGS', 'MAKELEVEL', 'ARGS')
 
 
-def ways_in(addresses: tuple[str, ...]) -> dict[str, dict[str, str]]:
-    """Return what a stranger may have in its environment, by what it is."""
-    peers = {'ROS_STATIC_PEERS': ';'.join(addresses)}
-    range_ = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
-    ways = {
-        'SUBNET and static peers': {range_: 'SUBNET', **peers},
-        'LOCALHOST and static peers': {range_: 'LOCALHOST', **peers},
-        'SUBNET': {range_: 'SUBNET'},
-        'nothing': {},
-    }
-    # Strangers come by the network. A network namespace keeps no shared memory apart; over it,
-    # some strangers among themselves hung (in `publish`, with the interpreter's lock). One whose
-    # range is LOCALHOST still uses it: ROS adds it there, whatever this says.
-    return {way: {**each, 'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'} for way, each in ways.items()}
-
-
-HOSTILE = {
-    'as it is': {},
-    'SUBNET, as an installed Jazzy exports it': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'},
-    'everything that widens a graph': {
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
-        'ROS_STATIC_PEERS': f'{STRANGER};{OFFICIAL}',
-        'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
-        'RMW_FASTRTPS_USE_QOS_FROM_XML': '1',
-    },
+PEERS = {'ROS_STATIC_PEERS': f'{KARTS};{OFFICIALS}'}
+STRANGERS = {
+    'SUBNET and static peers': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', **PEERS},
+    'LOCALHOST and static peers': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', **PEERS},
+    'SUBNET': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'},
+    'nothing': {},
 }
-"""Environments in which race control, a bridge and a console may be started."""
+"""What strangers have in their environments."""
+
+BY_NETWORK = {'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
+"""Strangers come by the network. A network namespace keeps no shared memory apart; over it, some
+strangers among themselves hung (in `publish`, with the interpreter's lock). One whose range is
+LOCALHOST still uses it: ROS adds it there, whatever this says."""
+
+WIDEST = {
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
+    'ROS_STATIC_PEERS': f'{STRANGER};{OFFICIAL}',
+    'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
+    'RMW_FASTRTPS_USE_QOS_FROM_XML': '1',
+}
+"""Everything that widens a graph, in the environment of our own programs."""
 
 
 class TwoNetworks:
@@ -87,15 +81,9 @@ class TwoNetworks:
         self.own, self.stranger, self.official = (
             stack.enter_context(Namespace()) for _ in range(3)
         )
-        self.own.ip(
-            f'link add karts type veth peer name eth0 netns {self.stranger.path}',
-            f'addr add {KARTS}/24 dev karts',
-            'link set karts up',
-        )
+        self.own.cable('karts', KARTS, self.stranger, STRANGER)
         self.plug_in_officials()
         self.stranger.ip(
-            f'addr add {STRANGER}/24 dev eth0',
-            'link set eth0 up',
             # Linux takes a datagram for any of its addresses at any interface.
             f'route add {OFFICIALS} via {KARTS}',
             'route add 239.0.0.0/8 dev eth0',
@@ -105,16 +93,8 @@ class TwoNetworks:
 
     def plug_in_officials(self) -> None:
         """Lay the cable to the officials' network."""
-        self.own.ip(
-            f'link add officials type veth peer name eth0 netns {self.official.path}',
-            f'addr add {OFFICIALS}/24 dev officials',
-            'link set officials up',
-        )
-        self.official.ip(
-            f'addr add {OFFICIAL}/24 dev eth0',
-            'link set eth0 up',
-            'route add 239.0.0.0/8 dev eth0',
-        )
+        self.own.cable('officials', OFFICIALS, self.official, OFFICIAL)
+        self.official.ip('route add 239.0.0.0/8 dev eth0')
 
 
 @pytest.fixture
@@ -132,35 +112,23 @@ def for_officials(networks: TwoNetworks, start_race_control: StartRaceControl) -
         return start_race_control(in_race=[1], address=KARTS)
 
 
-WIDEST = list(HOSTILE.values())[-1]
-
-
-def start_in(environment: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have what is started from now on start in an environment."""
-    for name, value in environment.items():
-        monkeypatch.setenv(name, value)
-
-
-def break_in(
-    networks: TwoNetworks, domain: int, addresses: tuple[str, ...]
-) -> dict[str, Findings]:
-    """Send strangers, in all ways at once, and return what each found."""
+def check_that_no_stranger_gets_in(networks: TwoNetworks, domain: int) -> None:
+    """Send strangers, in all ways at once, and check that none of them finds anything."""
     with networks.stranger.inside():
         strangers = {
-            way: ForeignNode(domain, environment)
-            for way, environment in ways_in(addresses).items()
+            way: ForeignNode(domain, environment | BY_NETWORK)
+            for way, environment in STRANGERS.items()
         }
     found = {way: stranger.findings() for way, stranger in strangers.items()}
-    inside = [way for way, each in found.items() if each.got_in]
-    print(f'{len(found)} strangers tried {", ".join(found)}; {len(inside)} got in: {inside}')
-    return found
+    assert not {way: each for way, each in found.items() if each.got_in}
 
 
 @pytest.mark.parametrize(
     'environment',
     [
-        pytest.param(each, id=name, marks=() if each is WIDEST else pytest.mark.long)
-        for name, each in HOSTILE.items()
+        pytest.param({}, id='as it is', marks=pytest.mark.long),
+        pytest.param(STRANGERS['SUBNET'], id='as Jazzy exports it', marks=pytest.mark.long),
+        pytest.param(WIDEST, id='everything that widens a graph'),
     ],
 )
 def test_a_stranger_on_the_network_finds_nothing_of_race_control_or_a_bridge_and_changes_nothing(
@@ -170,7 +138,8 @@ def test_a_stranger_on_the_network_finds_nothing_of_race_control_or_a_bridge_and
     parts: contextlib.ExitStack,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    start_in(environment, monkeypatch)
+    for variable in environment.items():
+        monkeypatch.setenv(*variable)
     with networks.own.inside():
         control = start_race_control(in_race=[1], address='0.0.0.0')
         bridge = beside(control, parts)
@@ -179,9 +148,7 @@ def test_a_stranger_on_the_network_finds_nothing_of_race_control_or_a_bridge_and
     for each in (control, bridge):
         each.wait_for_line('can be reached only from this machine')
 
-    found = break_in(networks, control.domain, (KARTS, OFFICIALS))
-
-    assert not {way: each for way, each in found.items() if each.got_in}
+    check_that_no_stranger_gets_in(networks, control.domain)
     official.command('kart/red_flag', kart=1)
     after = official.wait_for_race(
         lambda race: state_of(race.karts[0].sent) is RaceState.RED_FLAG, 'the flag'
@@ -207,41 +174,33 @@ def test_no_stranger_on_the_network_plays_race_control_to_the_consoles(
     tmp_path: pathlib.Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    start_in(WIDEST, monkeypatch)
+    for variable in WIDEST.items():
+        monkeypatch.setenv(*variable)
     assert not why_no_screen(), why_no_screen()
     screen = parts.enter_context(Screen())
     with networks.own.inside():
         parts.enter_context(Console(tmp_path, domain, screen))
-        terminal = watch(domain, seconds=12)
+        terminal = ctl(domain, 'watch', '--once', '--wait', '12')
 
-    found = break_in(networks, domain, (KARTS, OFFICIALS))
-
-    assert not {way: each for way, each in found.items() if each.got_in}
-    printed, _ = terminal.communicate(timeout=60)
-    assert terminal.returncode == 3, printed
+    check_that_no_stranger_gets_in(networks, domain)
+    assert ended(terminal)[0] == 3
 
 
-def watch(domain: int, seconds: int) -> subprocess.Popen[str]:
-    """Start `rcs_ctl watch --once`: it ends once it has heard race control, or what says so."""
-    return ctl(domain, 'watch', '--once', '--wait', str(seconds))
+def ctl(domain: int, *words: str) -> Program:
+    return Program('rcs_ctl', [executable('evgp_rcs_console', 'rcs_ctl'), *words], domain)
 
 
-def ctl(domain: int, *words: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [executable('evgp_rcs_console', 'rcs_ctl'), *words],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
-    )
+def ended(program: Program) -> tuple[int, str]:
+    """Return a program's exit code and what it printed; a busy machine takes its time."""
+    with program:
+        program.process.wait(2 * PATIENCE)
+        return program.wait(), program.output
 
 
 def check_that_an_official_sees(domain: int) -> None:
-    """Check that a terminal in this namespace shows the race; a busy machine takes its time."""
-    console = watch(domain, seconds=40)
-    printed, _ = console.communicate(timeout=60)
-    assert (console.returncode, 'Team 1' in printed) == (0, True), printed
+    """Check that a terminal in this namespace shows the race."""
+    code, printed = ended(ctl(domain, 'watch', '--once', '--wait', '40'))
+    assert (code, 'Team 1' in printed) == (0, True)
 
 
 @pytest.mark.long
@@ -255,9 +214,7 @@ def test_an_official_on_the_officials_network_gets_in_and_a_stranger_on_the_kart
     assert f'at {OFFICIALS}' in for_officials.wait_for_line('can be reached.*')[0]
     assert neighbour.findings().answered
 
-    found = break_in(networks, domain, (KARTS, OFFICIALS))
-
-    assert not {way: each for way, each in found.items() if each.got_in}
+    check_that_no_stranger_gets_in(networks, domain)
     with networks.official.inside():
         monkeypatch.setenv(graph.INTERFACE, OFFICIAL)
         check_that_an_official_sees(domain)
@@ -284,7 +241,7 @@ def test_a_race_goes_on_while_the_officials_address_is_gone_and_can_be_stopped_f
     kart.wait_for_state(RaceState.RED_FLAG)
     with networks.own.inside(), ctl(control.domain, 'all-kill') as stopped:  # which starts now
         kart.wait_for_state(RaceState.RED_RED)
-    assert stopped.returncode == 0
+        assert stopped.wait() == 0
 
 
 @pytest.mark.own_process
@@ -313,20 +270,11 @@ def test_an_official_is_back_once_the_interfaces_are_plugged_in_again_under_othe
         check_that_an_official_sees(control.domain)
 
 
-def make(domain: int, *words: str) -> subprocess.Popen[str]:
+def make(domain: int, *words: str) -> Program:
     """Start make as an official does, who has set the ROS domain and nothing else."""
-    environment = {name: value for name, value in os.environ.items() if name not in NOT_SET}
-    return subprocess.Popen(
-        # If this process is killed: what make has started must not live on.
-        ['setpriv', '--pdeathsig', 'TERM', 'make', *words],
-        cwd=ROOT,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        process_group=0,
-        env={**environment, 'ROS_DOMAIN_ID': str(domain)},
-    )
+    unset = (f'--unset={name}' for name in NOT_SET)
+    command = ['env', *unset, '-C', str(ROOT), 'make', *words]
+    return Program('make', command, domain, end='TERM')
 
 
 def test_a_second_official_sees_and_stops_the_race_from_another_machine_by_the_lines_of_the_docs(
@@ -339,24 +287,20 @@ def test_a_second_official_sees_and_stops_the_race_from_another_machine_by_the_l
     # Its own addresses on each machine, as docs/operations.md has it.
     files = f'ROSTER={roster}', f'PARAMS={parameters}'
     with networks.own.inside():
-        control = make(domain, 'run', *files, f'OFFICIALS={OFFICIALS}', f'ADDRESS={KARTS}')
-    parts.enter_context(control)
-    parts.callback(os.killpg, control.pid, signal.SIGTERM)
+        run = make(domain, 'run', *files, f'OFFICIALS={OFFICIALS}', f'ADDRESS={KARTS}')
+    parts.enter_context(run)
 
     def official(arguments: str, *words: str) -> tuple[int, str]:
         with networks.official.inside():
-            asked = make(domain, 'ctl', f'ARGS={arguments}', *words)
-        printed, _ = asked.communicate(timeout=60)
-        return asked.returncode, printed
+            return ended(make(domain, 'ctl', f'ARGS={arguments}', *words))
 
     seen = official('watch --once --wait 30', f'OFFICIALS={OFFICIAL}')
     stopped = official('all-kill --wait 30', f'OFFICIALS={OFFICIAL}')
     elsewhere = official('watch --once --wait 3')
 
-    assert (seen[0], 'IN GARAGE' in seen[1]) == (0, True), seen[1]
-    assert (stopped[0], 'RED RED' in stopped[1]) == (0, True), stopped[1]
-    none = 'NO RACE CONTROL YET' in elsewhere[1]
-    assert (elsewhere[0], none) == (2, True), elsewhere[1]  # make's own 2
+    assert (seen[0], 'IN GARAGE' in seen[1]) == (0, True)
+    assert (stopped[0], 'RED RED' in stopped[1]) == (0, True)
+    assert (elsewhere[0], 'NO RACE CONTROL YET' in elsewhere[1]) == (2, True)  # make's own 2
 
 
 def test_a_node_with_ross_own_settings_on_this_machine_finds_race_control_and_its_bridge(

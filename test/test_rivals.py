@@ -61,9 +61,7 @@ def test_a_second_race_control_on_the_officials_network_does_not_start(
 ) -> None:
     need_networks()
     machines = [parts.enter_context(Namespace()) for _ in range(2)]
-    machines[0].ip(f'link add eth0 type veth peer name eth0 netns {machines[1].path}')
-    for last, machine in enumerate(machines, 1):
-        machine.ip(f'addr add 10.78.0.{last}/24 dev eth0', 'link set eth0 up')
+    machines[0].cable('eth0', '10.78.0.1', machines[1], '10.78.0.2')
     with machines[0].inside():
         monkeypatch.setenv(graph.INTERFACE, '10.78.0.1')
         parts.enter_context(RaceControl(tmp_path, domain, [1]))

@@ -137,6 +137,12 @@ class Namespace(Part):
             except subprocess.CalledProcessError as error:
                 raise NetworkError(f'ip {"; ".join(commands)}: {error.stderr.strip()}') from error
 
+    def cable(self, card: str, address: str, to: Namespace, its_address: str) -> None:
+        """Lay a cable from an interface of this machine to eth0 of another."""
+        self.ip(f'link add {card} type veth peer name eth0 netns {to.path}')
+        for machine, own, at in ((self, card, address), (to, 'eth0', its_address)):
+            machine.ip(f'addr add {at}/24 dev {own}', f'link set {own} up')
+
     def close(self) -> None:
         os.close(self._file)
 
