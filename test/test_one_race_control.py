@@ -19,7 +19,6 @@ import time
 
 from evgp_node.network_cards import cards
 from evgp_node.states import state_of
-from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
@@ -31,7 +30,7 @@ from evgp_testing.usage import family
 import pytest
 from rig.masters import KARTS_CARD, Masters, NUMBERS
 from rig.needs import cannot_run
-from rig.networks import kart_address, Namespace, need_networks, own_disk, RACE_CONTROL
+from rig.networks import Namespace, need_networks, RACE_CONTROL
 
 UNIT = pathlib.Path(__file__).resolve().parents[1] / 'src/evgp_rcs/config/evgp-rcs.service'
 
@@ -77,15 +76,6 @@ def hardware_of(machine: Namespace) -> str:
     """Return the hardware address of a machine's interface on the karts' network."""
     with machine.inside():
         return next(each.hardware for each in cards() if each.name == KARTS_CARD)
-
-
-def start(masters: Masters, folder: pathlib.Path, under: tuple[str, ...] = ()) -> Process:
-    """Start race control in this namespace, as the first one there, and do not wait."""
-    folder.mkdir()
-    given = settings(folder, write_roster(folder, NUMBERS, addresses=kart_address))
-    given |= {'address': RACE_CONTROL, 'port': DEFAULT_PORT}
-    words = (*own_disk(folder), *under)
-    return Process('evgp_rcs', 'rcs_node', masters.domain, given, under=words)
 
 
 @contextlib.contextmanager
@@ -311,28 +301,25 @@ def test_a_second_interface_of_this_machine_on_that_network_is_no_rival_and_hide
 
 
 def test_where_it_cannot_be_known_no_proof_of_an_orderly_end_is_believed_and_nothing_is_hidden(
-    masters: Masters, tmp_path: pathlib.Path
+    masters: Masters,
 ) -> None:
-    folder = tmp_path / 'cautious'
     official = masters.official(masters.first)
-    with masters.first.inside(), start(masters, folder, under=CAUTIOUS) as control:
-        control.wait_for_line('listens for')
-        masters.wait_for(RaceState.RED_RED)
-        official.wait_for_race(lambda race: state_of(race.state) is RaceState.RED_RED, 'RED_RED')
+    control = masters.start(masters.first, under=CAUTIOUS)
+    masters.wait_for(RaceState.RED_RED)
+    official.wait_for_race(lambda race: state_of(race.state) is RaceState.RED_RED, 'RED_RED')
     assert 'arping' in control.output
 
 
 def test_race_control_that_may_only_ask_by_arping_ends_too_once_another_machine_has_its_address(
-    masters: Masters, tmp_path: pathlib.Path
+    masters: Masters,
 ) -> None:
     need_arping()
     official = masters.official(masters.first)
-    with masters.first.inside(), start(masters, tmp_path / 'plain', under=PLAIN) as control:
-        control.wait_for_line('listens for')
-        masters.wait_for(RaceState.IN_GARAGE)
-        masters.spare.ip(f'addr add {RACE_CONTROL}/24 dev eth0')
-        assert control.wait() == 1
-        assert hardware_of(masters.spare) in says_why_it_ended(official)
+    control = masters.start(masters.first, under=PLAIN)
+    masters.wait_for(RaceState.IN_GARAGE)
+    masters.spare.ip(f'addr add {RACE_CONTROL}/24 dev eth0')
+    assert control.wait() == 1
+    assert hardware_of(masters.spare) in says_why_it_ended(official)
 
 
 def test_of_its_right_to_ask_race_control_leaves_nothing_to_the_processes_that_strangers_reach(

@@ -88,9 +88,9 @@ class Masters:
         self,
         machine: Namespace,
         stack: contextlib.ExitStack | None = None,
-        **parameters: object,
+        under: tuple[str, ...] = (),
     ) -> RaceControl:
-        """Start race control on a machine, as the first one there."""
+        """Start race control on a machine, as the first one there, under a command."""
         folder = self.folder / str(next(self._numbers))
         folder.mkdir()
         with machine.inside():
@@ -98,9 +98,9 @@ class Masters:
                 folder,
                 self.domain,
                 NUMBERS,
-                parameters={'address': RACE_CONTROL, 'port': DEFAULT_PORT, **parameters},
+                parameters={'address': RACE_CONTROL, 'port': DEFAULT_PORT},
                 addresses=kart_address,
-                under=own_disk(folder),
+                under=(*own_disk(folder), *under),
             )
         return (stack or self.stack).enter_context(control)
 
