@@ -222,6 +222,18 @@ print(neighbours.ask(sys.argv[1], 'eth0'))
 """
 
 
+def ask(machine: Namespace, under: tuple[str, ...], **environment: str) -> str:
+    """Have a program ask there who has race control's address, and return what it says."""
+    with machine.inside():
+        return subprocess.run(
+            [*under, sys.executable, '-c', ASKING, RACE_CONTROL],
+            env={**os.environ, **environment},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.removesuffix('\n')
+
+
 def rights_of(pid: int) -> int:
     """Return the capabilities that a process has, or hands on."""
     text = pathlib.Path(f'/proc/{pid}/status').read_text(encoding='ascii')
@@ -262,17 +274,10 @@ def test_a_raw_socket_or_arping_asks_and_without_either_it_is_not_known(
         need_arping()
     with two_machines() as (own, other):
         other.ip(f'addr add {RACE_CONTROL if answers else "10.77.0.9"}/24 dev eth0')
-        with own.inside():
-            words = under if isinstance(under, tuple) else under_the_unit()
-            done = subprocess.run(
-                [*words, sys.executable, '-c', ASKING, RACE_CONTROL],
-                env={**os.environ, **({'PATH': path} if path else {})},
-                capture_output=True,
-                text=True,
-                check=True,
-            )
-        assert (done.stdout == '\n') == (knows and not answers), done.stdout
-        assert (hardware_of(other) in done.stdout) == (knows and answers), done.stdout
+        words = under if isinstance(under, tuple) else under_the_unit()
+        said = ask(own, words, **({'PATH': path} if path else {}))
+        assert (said == '') == (knows and not answers), said
+        assert (hardware_of(other) in said) == (knows and answers), said
 
 
 @pytest.mark.parametrize('raw', [True, False], ids=['raw socket', 'arping'])
@@ -287,17 +292,11 @@ def test_a_second_interface_of_this_machine_on_that_network_is_no_rival_and_hide
         for turn in range(4):
             if turn:
                 other.ip(f'addr replace {RACE_CONTROL}/24 dev eth0')
-            with own.inside():
-                done = subprocess.run(
-                    [*(() if raw else PLAIN), sys.executable, '-c', ASKING, RACE_CONTROL],
-                    capture_output=True,
-                    text=True,
-                    check=True,
-                )
+            said = ask(own, () if raw else PLAIN)
             # arping hears the first answer only, which may be this machine's own.
-            names_it, allows = hardware_of(other) in done.stdout, done.stdout == '\n'
+            names_it, allows = hardware_of(other) in said, said == ''
             right = [(turn > 0, turn == 0), *([] if raw else [(False, False)])]
-            assert (names_it, allows) in right, done.stdout
+            assert (names_it, allows) in right, said
 
 
 def test_where_it_cannot_be_known_no_proof_of_an_orderly_end_is_believed_and_nothing_is_hidden(
