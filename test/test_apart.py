@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import os
 import pathlib
 import re
@@ -96,105 +97,112 @@ def test_what_make_starts_stays_on_the_machine_unless_officials_are_named(
     assert printed.strip() == is_used
 
 
+class StandIn:
+    """Stands in for whatever a launch file makes, and keeps what it was given."""
+
+    def __init__(self, kind: str, positional: tuple[Any, ...], named: dict[str, Any]) -> None:
+        self.kind = kind
+        self.positional = positional
+        self.named = named
+
+
+Describe = Callable[[str], list[StandIn]]
+
+
+@pytest.fixture
+def describe(monkeypatch: pytest.MonkeyPatch) -> Describe:
+    """Return a function that returns what a launch file starts: `launch` is not in the wheels."""
+
+    class Module(ModuleType):
+        """Has whatever is imported from it."""
+
+        __path__: tuple[str, ...] = ()
+
+        def __getattr__(self, kind: str) -> Any:
+            if kind.startswith('__'):
+                raise AttributeError(kind)
+            return lambda *positional, **named: StandIn(kind, positional, named)
+
+    monkeypatch.setattr(os, 'environ', os.environ.copy())
+    for name in (
+        *('launch', 'launch.actions', 'launch.substitutions', 'launch.launch_description_sources'),
+        *('launch.events', 'launch.events.process'),
+        *('launch_ros', 'launch_ros.actions', 'launch_ros.parameter_descriptions'),
+        'launch_ros.substitutions',
+    ):
+        monkeypatch.setitem(sys.modules, name, Module(name))
+
+    def description_of(path: str) -> list[StandIn]:
+        made = runpy.run_path(str(ROOT / 'src' / path))['generate_launch_description']()
+        entities: list[StandIn] = made.positional[0]
+        return entities
+
+    return description_of
+
+
+def nodes(entities: list[StandIn]) -> list[StandIn]:
+    """Return the nodes of a launch file, of which there is at least one."""
+    found = [each for each in entities if each.kind == 'Node']
+    assert found
+    return found
+
+
 @pytest.mark.parametrize(
     ('path', 'argument'),
     [
-        ('src/evgp_rcs/launch/rcs.launch.py', 'officials'),
-        ('src/evgp_rcs_console/launch/console.launch.py', 'officials'),
-        ('src/evgp_kart_bridge/launch/kart_bridge.launch.py', 'graph_interface'),
-    ],
-)
-@pytest.mark.parametrize(
-    ('environment', 'arguments', 'expected'),
-    [
-        ({}, {}, ('', '0')),
-        ({INTERFACE: '10.1.0.5', 'ROS_DOMAIN_ID': '7'}, {}, ('10.1.0.5', '7')),
-        (
-            {INTERFACE: '10.1.0.5'},
-            {'officials': '10.1.0.6', 'graph_interface': '10.1.0.6', 'domain_id': '9'},
-            ('10.1.0.6', '9'),
-        ),
+        ('evgp_rcs/launch/rcs.launch.py', 'officials'),
+        ('evgp_rcs_console/launch/console.launch.py', 'officials'),
+        ('evgp_kart_bridge/launch/kart_bridge.launch.py', 'graph_interface'),
     ],
 )
 def test_a_launch_file_stays_on_the_machine_unless_told_otherwise(
-    path: str,
-    argument: str,
-    environment: dict[str, str],
-    arguments: dict[str, str],
-    expected: tuple[str, str],
-    monkeypatch: pytest.MonkeyPatch,
+    path: str, argument: str, describe: Describe
 ) -> None:
-    for name in (INTERFACE, 'ROS_DOMAIN_ID'):
-        monkeypatch.delenv(name, raising=False)
-    for name, value in environment.items():
-        monkeypatch.setenv(name, value)
-    put_stand_ins_for_launch(monkeypatch)
-
-    description = runpy.run_path(str(ROOT / path))['generate_launch_description']()
-
-    (entities,) = description.positional
-    declared = {
-        entity.positional[0]: entity.named.get('default_value')
-        for entity in entities
-        if entity.kind == 'DeclareLaunchArgument'
+    entities = describe(path)
+    defaults = {
+        each.positional[0]: each.named.get('default_value')
+        for each in entities
+        if each.kind == 'DeclareLaunchArgument'
     }
-    assert argument in declared
-    nodes = [entity for entity in entities if entity.kind == 'Node']
-    assert nodes
-    for node in nodes:
-        used = {}
-        for name, value in node.named['additional_env'].items():
-            default = declared[value.positional[0]]
-            used[name] = arguments.get(value.positional[0]) or os.environ.get(
-                default.positional[0], default.named['default_value']
-            )
-        assert used == {INTERFACE: expected[0], 'ROS_DOMAIN_ID': expected[1]}
+    for node in nodes(entities):
+        used = node.named['additional_env']
+        assert {name: each.positional for name, each in used.items()} == {
+            INTERFACE: (argument,),
+            'ROS_DOMAIN_ID': ('domain_id',),
+        }
+        for name, unset in ((INTERFACE, ''), ('ROS_DOMAIN_ID', '0')):
+            default = defaults[used[name].positional[0]]
+            assert default.kind == 'EnvironmentVariable'
+            assert (default.positional, default.named['default_value']) == ((name,), unset)
 
 
 @pytest.mark.parametrize(
     ('path', 'end_with'),
     [
         # The timekeeper ends with race control, and not the other way round.
-        ('src/evgp_rcs/launch/rcs.launch.py', {'rcs': ['rcs', 'timekeeper']}),
-        ('src/evgp_kart_bridge/launch/kart_bridge.launch.py', {}),
+        ('evgp_rcs/launch/rcs.launch.py', {'rcs': ['rcs', 'timekeeper']}),
+        ('evgp_kart_bridge/launch/kart_bridge.launch.py', {}),
     ],
 )
 def test_a_launch_file_starts_a_node_again_unless_a_setting_is_wrong(
-    path: str, end_with: dict[str, list[str]], monkeypatch: pytest.MonkeyPatch
+    path: str, end_with: dict[str, list[str]], describe: Describe
 ) -> None:
-    put_stand_ins_for_launch(monkeypatch)
-    description = runpy.run_path(str(ROOT / path))['generate_launch_description']()
-    nodes = [each for each in description.positional[0] if each.kind == 'Node']
-    assert {*end_with} <= {each.named['name'] for each in nodes}
-    for node in nodes:
-        check_restarts(node, end_with.get(node.named['name'], [node.named['name']]))
+    described = nodes(describe(path))
+    assert {*end_with} <= {each.named['name'] for each in described}
+    for node in described:
+        assert node.named['respawn'] is True
+        on_exit = node.named['on_exit']
+        assert on_exit(SimpleNamespace(returncode=IN_THE_WAY, action=node), None) is None
+        events = on_exit(SimpleNamespace(returncode=WRONG_SETTING, action=node), None)
+        assert {each.kind for each in events} == {'EmitEvent'}
+        shutdowns = [each.named['event'] for each in events]
+        assert {each.kind for each in shutdowns} == {'ShutdownProcess'}
+        ended = [each.named['process_matcher'].positional[0].named['name'] for each in shutdowns]
+        assert ended == end_with.get(node.named['name'], [node.named['name']])
 
 
-def check_restarts(node: StandIn, end: list[str]) -> None:
-    """Check that a node of a launch file comes back, and which end where a setting is wrong."""
-    assert node.named['respawn'] is True
-    on_exit = node.named['on_exit']
-    assert on_exit(SimpleNamespace(returncode=IN_THE_WAY, action=node), None) is None
-    events = on_exit(SimpleNamespace(returncode=WRONG_SETTING, action=node), None)
-    assert {each.kind for each in events} == {'EmitEvent'}
-    shutdowns = [each.named['event'] for each in events]
-    assert {each.kind for each in shutdowns} == {'ShutdownProcess'}
-    ended = [each.named['process_matcher'].positional[0].named['name'] for each in shutdowns]
-    assert ended == end
-    # Once it was up, only an orderly end is final: what is wrong now may be put right.
-    for code in (1, -9, WRONG_SETTING, IN_THE_WAY):
-        assert on_exit(SimpleNamespace(returncode=code, action=node), None) is None
-    assert len(on_exit(SimpleNamespace(returncode=0, action=node), None)) == len(end)
-
-
-def test_foxglove_reaches_topics_only_and_only_from_this_machine(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(os, 'environ', os.environ.copy())
-    put_stand_ins_for_launch(monkeypatch)
-    path = ROOT / 'src/evgp_rcs/launch/foxglove.launch.py'
-    description = runpy.run_path(str(path))['generate_launch_description']()
-    (node,) = (each for each in description.positional[0] if each.kind == 'Node')
+def test_foxglove_reaches_topics_only_and_only_from_this_machine(describe: Describe) -> None:
+    (node,) = nodes(describe('evgp_rcs/launch/foxglove.launch.py'))
     (given,) = node.named['parameters']
     assert given['address'] == '127.0.0.1'
     assert set(given['capabilities']).isdisjoint(
@@ -213,49 +221,15 @@ def test_foxglove_reaches_topics_only_and_only_from_this_machine(
     assert shown == topics
 
 
-class StandIn:
-    """Stands in for whatever a launch file makes, and keeps what it was given."""
-
-    def __init__(self, kind: str, positional: tuple[Any, ...], named: dict[str, Any]) -> None:
-        self.kind = kind
-        self.positional = positional
-        self.named = named
-
-
 def test_the_launch_file_of_a_kart_starts_its_stack_where_its_bridge_is(
-    monkeypatch: pytest.MonkeyPatch,
+    describe: Describe,
 ) -> None:
-    put_stand_ins_for_launch(monkeypatch)
-    folder = ROOT / 'src/evgp_kart_bridge/launch'
-    ours, bridges = (
-        runpy.run_path(str(folder / name))['generate_launch_description']().positional[0]
-        for name in ('kart.launch.py', 'kart_bridge.launch.py')
+    ours = describe('evgp_kart_bridge/launch/kart.launch.py')
+    (stack,), (bridge,) = (
+        nodes(ours),
+        nodes(describe('evgp_kart_bridge/launch/kart_bridge.launch.py')),
     )
     assert ours[0].kind == 'IncludeLaunchDescription'
-    stack = next(each for each in ours if each.kind == 'Node')
-    bridge = next(each for each in bridges if each.kind == 'Node')
     assert stack.named['namespace'].positional == bridge.named['namespace'].positional
     used = (each.named['additional_env']['ROS_DOMAIN_ID'].positional for each in (stack, bridge))
     assert len(set(used)) == 1
-
-
-def put_stand_ins_for_launch(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Put stand-ins where `launch` would be imported from: it is not among the wheels."""
-
-    class Module(ModuleType):
-        """Has whatever is imported from it."""
-
-        __path__: tuple[str, ...] = ()
-
-        def __getattr__(self, kind: str) -> Any:
-            if kind.startswith('__'):
-                raise AttributeError(kind)
-            return lambda *positional, **named: StandIn(kind, positional, named)
-
-    for name in (
-        *('launch', 'launch.actions', 'launch.substitutions', 'launch.launch_description_sources'),
-        *('launch.events', 'launch.events.process'),
-        *('launch_ros', 'launch_ros.actions', 'launch_ros.parameter_descriptions'),
-        'launch_ros.substitutions',
-    ):
-        monkeypatch.setitem(sys.modules, name, Module(name))
