@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import pathlib
 import re
@@ -13,8 +12,8 @@ import shlex
 import shutil
 import subprocess
 import sys
-from types import ModuleType
 
+import deb
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -26,13 +25,6 @@ STATED = re.compile(
     r'|lib/systemd/system/evgp-\w+\.service'
 )
 """What docs/install-officials.md says that the package has."""
-
-
-@pytest.fixture
-def deb(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """Return setup/deb.py, which is no module of any package."""
-    monkeypatch.syspath_prepend(ROOT / 'setup')
-    return importlib.import_module('deb')
 
 
 @pytest.mark.parametrize(
@@ -57,7 +49,7 @@ def deb(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     ],
 )
 def test_a_command_of_the_package_runs_what_make_runs(
-    deb: ModuleType, line: str, target: str, words: list[str], tmp_path: pathlib.Path
+    line: str, target: str, words: list[str], tmp_path: pathlib.Path
 ) -> None:
     shown = tmp_path / 'in-workspace'
     shown.write_text('#!/bin/sh\nprintf "%s\\n" "$@"\nenv | grep -E "^(EVGP_GRAPH|ROS_AUTO)"\n:')
@@ -73,7 +65,7 @@ def test_a_command_of_the_package_runs_what_make_runs(
     assert found.stdout == wanted.stdout
 
 
-def test_a_command_of_the_package_does_not_ignore_a_setting_of_another(deb: ModuleType) -> None:
+def test_a_command_of_the_package_does_not_ignore_a_setting_of_another() -> None:
     words = ['bash', '-c', deb.script('window', ''), 'evgp-window', 'ADDRESS=10.1.0.6']
     done = subprocess.run(words, capture_output=True, text=True)
     assert done.returncode == 2
@@ -82,7 +74,7 @@ def test_a_command_of_the_package_does_not_ignore_a_setting_of_another(deb: Modu
 
 @pytest.mark.skipif(shutil.which('dpkg') is None, reason='no dpkg')
 def test_a_library_that_is_missing_is_named_in_one_sentence(
-    deb: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(deb, 'NOT_ON_ALL', 'libevgp-none')
     with pytest.raises(SystemExit):
@@ -92,7 +84,7 @@ def test_a_library_that_is_missing_is_named_in_one_sentence(
 
 
 def test_a_package_for_another_python_than_the_systems_is_not_built(
-    deb: ModuleType, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     system = tmp_path / 'python3'
     system.symlink_to(f'python{deb.prepare.Interpreter.version}')
@@ -104,9 +96,7 @@ def test_a_package_for_another_python_than_the_systems_is_not_built(
     assert f"'make deb PYTHON={system}'" in capsys.readouterr().err
 
 
-def test_the_package_is_neither_removed_nor_replaced_while_a_program_of_it_runs(
-    deb: ModuleType,
-) -> None:
+def test_the_package_is_neither_removed_nor_replaced_while_a_program_of_it_runs() -> None:
     def upgrade() -> int:
         return subprocess.run(['sh', '-c', deb.BEFORE_REMOVAL, 'prerm', 'upgrade']).returncode
 
@@ -126,7 +116,7 @@ def test_the_package_is_neither_removed_nor_replaced_while_a_program_of_it_runs(
 @pytest.mark.skipif(not shutil.which('dpkg-deb'), reason='there is no dpkg-deb')
 @pytest.mark.skipif('ROS_DISTRO' in os.environ, reason='the package carries the wheels of ROS')
 def test_a_package_that_cannot_be_packed_leaves_the_last_one_whole(
-    deb: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path
+    monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path
 ) -> None:
     monkeypatch.setattr(deb.prepare, 'BUILD', tmp_path)
     monkeypatch.setattr(deb, 'MADE', tmp_path / 'deb')

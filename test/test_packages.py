@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import ast
 import configparser
-import importlib.util
 import pathlib
 import re
 import sys
-from types import ModuleType
 
 from catkin_pkg.changelog import get_changelog_from_path
 from catkin_pkg.package import Package, parse_package
 from catkin_pkg.package_version import get_forthcoming_label
+import headers
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -179,19 +178,6 @@ def test_every_launch_file_is_launched_by_a_test() -> None:
     files = [path.name for path in (ROOT / 'src').glob('*/launch/*.py')]
     assert files
     assert [name for name in files if f"'{name}'" not in text] == []
-
-
-def load_headers() -> ModuleType:
-    """Return setup/headers.py, which is no module of any package."""
-    spec = importlib.util.spec_from_file_location('headers', ROOT / 'setup/headers.py')
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-headers = load_headers()
 
 
 HEADER = 'Copyright 2026 EVGP race control contributors\n{} SPDX-License-Identifier: Apache-2.0\n'

@@ -6,32 +6,17 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import os
 import pathlib
 import re
 import subprocess
 import sys
-from types import ModuleType
 
+import prepare
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
-
-def load_prepare() -> ModuleType:
-    """Return setup/prepare.py, which is no module of any package."""
-    spec = importlib.util.spec_from_file_location('prepare', ROOT / 'setup' / 'prepare.py')
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    # Its dataclasses look their annotations up by the module's name.
-    sys.modules['prepare'] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-prepare = load_prepare()
 
 FITTING = prepare.Interpreter(
     executable='python3.12',
