@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 import contextlib
 import os
 import pathlib
@@ -20,6 +19,7 @@ from evgp_testing.process import wait_until_ended
 from evgp_testing.usage import family
 import pytest
 from rig.bare_race_control import BareRaceControl
+from rig.terminal import Terminal
 
 ROOT = pathlib.Path(__file__).parents[1]
 
@@ -34,34 +34,19 @@ def team(parts: contextlib.ExitStack) -> Team:
     return parts.enter_context(Team(parts.enter_context(Domain()).number))
 
 
-@pytest.fixture
-def made(team: Team, race: BareRaceControl) -> Iterator[subprocess.Popen[str]]:
-    """Give the command in a terminal of its own, as it were."""
-    with subprocess.Popen(
-        ['make', '-s', 'bridge', 'HOST=127.0.0.1', 'ODOM=/odom', f'ARGS=-p port:={race.port}'],
-        cwd=ROOT,
-        env={**os.environ, 'ROS_DOMAIN_ID': str(team.context.get_domain_id())},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-    ) as made:
-        yield made
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(made.pid, signal.SIGKILL)
-
-
 def test_it_listens_to_the_odometry_it_is_told_of_and_comes_back_when_it_is_killed(
-    made: subprocess.Popen[str], team: Team
+    race: BareRaceControl, team: Team, parts: contextlib.ExitStack
 ) -> None:
+    words = ['make', '-s', 'bridge', 'HOST=127.0.0.1', 'ODOM=/odom', f'ARGS=-p port:={race.port}']
+    domain = {'ROS_DOMAIN_ID': str(team.context.get_domain_id())}
+    made = parts.enter_context(Terminal(words, domain, ROOT))
     first = team.wait_for_state(RaceState.IN_GARAGE)
     assert team.node.count_subscribers('/odom') == 1
-    os.kill(family(made.pid)[-1], signal.SIGKILL)
+    os.kill(family(made.process.pid)[-1], signal.SIGKILL)
     team.wait_for(lambda told: told.order not in (0, first.order), 'the bridge again')
-    again = family(made.pid)[-1]
-    os.killpg(made.pid, signal.SIGINT)  # Ctrl-C
-    made.wait(PATIENCE)
+    again = family(made.process.pid)[-1]
+    made.press('\x03')  # Ctrl-C
+    made.end()
     wait_until_ended(again)
 
 
