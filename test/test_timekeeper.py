@@ -220,8 +220,12 @@ def test_laps_are_counted_a_kart_with_all_of_them_is_finished_once_and_officials
     assert (finish.kart, finish.official, finish.success) == (1, 'timekeeper', True)
 
     official.command('kart/undo_finish', kart=1)
+    official.command('kart/red_red', kart=2)  # a kart that was stopped cannot finish
+    line.laps(2, 3)
+    line.wait_for_laps(2, 2)
     line.wait_for_more(5)
-    assert len(event.finishes()) == 1  # what an official has undone, an official gives again
+    # What an official has undone, an official gives again; a refusal is final.
+    assert [(each.kart, each.success) for each in event.finishes()] == [(1, True), (2, False)]
 
 
 def kept(book: pathlib.Path) -> list[KartResult | None]:

@@ -95,7 +95,8 @@ KEPT_EVERY = 10.0
 its book, in seconds."""
 
 FINISH_EVERY = 2.0
-"""Time after which the timekeeper requests a FINISH again, in seconds."""
+"""Time after which the timekeeper requests a FINISH again that got no answer, in seconds. A FINISH
+that race control refuses, as for a kart that was stopped, would be refused every time."""
 
 MOST_STRENGTH = 1e9
 """Limit from which a signal's strength counts as unknown, in the device's own unit."""
@@ -356,7 +357,7 @@ class Timekeeper(StrictNode):
             return
         for wanted in self._desk.finishes():
             asked_at, call = self._asked.get(wanted, (-math.inf, None))
-            if now - asked_at > FINISH_EVERY:
+            if now - asked_at > FINISH_EVERY and not (call and call.done()):
                 if call is not None:
                     self._finish.remove_pending_request(call)
                 self._asked[wanted] = now, self._ask_for(wanted)
