@@ -53,6 +53,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     console = Console(highlight=False)
     try:
         plan = _load_plan(given)
+        if given.debrief is not None:
+            given.debrief.touch()
     except (PlanError, OSError) as error:
         parser.error(str(error))
     signal.signal(signal.SIGINT, signal.default_int_handler)
