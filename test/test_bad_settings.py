@@ -95,6 +95,7 @@ WRONG_VALUES = {
     timing_source: [
         (['kind:=p4', 'device:=10.0.0.1:5403'], "parameter kind: 'p4'"),
         ([KIND, 'device:=10.0.0.1'], 'parameter device'),
+        ([KIND, DEVICE, 'source:=official'], "parameter source: 'official'"),
         (['kind:=contact', 'device:=10.0.0.1:5403'], 'parameter device'),
         (['kind:=contact', DEVICE, 'line:=rts'], 'parameter line'),
         ([KIND, 'device:=10.0.0.1:5403', 'baut:=9600'], 'did you mean baud?'),

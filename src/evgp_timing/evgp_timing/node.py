@@ -22,6 +22,7 @@ from evgp_node.codec import message_of
 from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
 from evgp_node.qos import DIAGNOSTICS_QOS, latched
+from evgp_node.results import BY_HAND
 from evgp_node.stamps import stamp
 from evgp_protocol import clock
 from evgp_rcs_msgs import msg
@@ -247,8 +248,10 @@ def read_settings(node: StrictNode) -> TimingSettings:
             raise ParameterError(
                 f'parameter {name}: {value!r} is not valid. Set {" or ".join(possible)}'
             )
-    if not settings.source:
-        raise ParameterError('parameter source is empty. Set a name such as line')
+    if settings.source in ('', BY_HAND):
+        raise ParameterError(
+            f'parameter source: {settings.source!r} is not valid. Set another name, such as line'
+        )
     try:
         at = split(settings.device)
     except ValueError as error:
