@@ -9,17 +9,21 @@ This module turns text into a ``Plan`` or one ``PlanError``, and is pure.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 import dataclasses
 from dataclasses import dataclass
 import itertools
 import math
-from typing import Any
+from typing import Any, TypeAlias
 
 import yaml
 
 MOST_KARTS = 60
 """Maximum number of karts in a rehearsal."""
+
+
+Point: TypeAlias = tuple[float, float]
+"""x and y, in metres."""
 
 
 class PlanError(ValueError):
@@ -31,33 +35,29 @@ class Track:
     """
     A closed line.
 
-    :param corners: x and y of each corner, in metres, in the direction of the race. The first
-        corner is the start and finish line.
+    :param corners: the corners, in the direction of the race. The first one is the start and
+        finish line.
     """
 
-    corners: tuple[tuple[float, float], ...]
+    corners: tuple[Point, ...]
 
     @property
     def length(self) -> float:
         """Return the length of a lap, in metres."""
-        return sum(self._sides())
+        return sum(itertools.starmap(math.dist, self._sides()))
 
-    def point(self, distance: float) -> tuple[float, float]:
-        """Return x and y at a distance from the line, in metres, which may be negative."""
+    def point(self, distance: float) -> Point:
+        """Return the point at a distance from the line, in metres, which may be negative."""
         left = distance % self.length
-        for index, side in enumerate(self._sides()):
+        for (ax, ay), (bx, by) in self._sides():
+            side = math.dist((ax, ay), (bx, by))
             if left <= side:
-                (ax, ay), (bx, by) = self.corners[index], self._after(index)
                 return ax + (bx - ax) * left / side, ay + (by - ay) * left / side
             left -= side
         return self.corners[0]
 
-    def _after(self, index: int) -> tuple[float, float]:
-        return self.corners[(index + 1) % len(self.corners)]
-
-    def _sides(self) -> list[float]:
-        closed = (*self.corners, self.corners[0])
-        return [math.dist(early, late) for early, late in itertools.pairwise(closed)]
+    def _sides(self) -> Iterable[tuple[Point, Point]]:
+        return itertools.pairwise((*self.corners, self.corners[0]))
 
 
 @dataclass(frozen=True)
