@@ -365,8 +365,11 @@ class Laps:
         return {identity: kart for kart, identity in held}
 
     def _claims_now(self, press: Identity) -> bool:
-        """Return whether a passing claims a crossing that is not struck out."""
-        return press in self.claims and self.claims[press][1] not in self.struck
+        """Return whether a passing claims a crossing that counts for its kart instead."""
+        if press not in self.claims:
+            return False
+        kart, identity = self.claims[press]
+        return identity not in self.struck and self._claimed.get(identity) == kart
 
     @functools.cached_property
     def _presses(self) -> tuple[Crossing, ...]:

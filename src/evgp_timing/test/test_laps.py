@@ -361,6 +361,23 @@ def test_a_press_counts_and_is_listed_while_the_crossing_that_it_claims_is_struc
         assert restored.last_passings(9) == story.laps.last_passings(9)
 
 
+def test_a_press_that_is_restored_counts_by_itself_if_another_has_claimed_its_crossing() -> None:
+    story = Story(race())
+    beam_of(story, 10.0)
+    story.now = 10.2
+    story.press(2)
+    first = story.laps.crossings[1].passing.identity
+    story.laps = story.laps.strike(first, 'the wrong letter')
+    story.now = 10.5
+    story.press(1)
+    assert story.laps.counted == {1: (10.0,), 2: (), 3: ()}
+
+    restored = story.laps.restore(first)
+
+    assert restored.counted == {1: (10.0,), 2: (pytest.approx(10.2),), 3: ()}
+    assert len(restored.last_passings(9)) == 2
+
+
 @pytest.mark.parametrize('kart', [0, 2])
 def test_what_a_source_sees_takes_the_place_of_two_officials_presses_for_it(kart: int) -> None:
     story = Story(race())
