@@ -445,7 +445,8 @@ class Desk:
             race = self.counting().get(source)
             results = race.laps.results if race is not None else ()
         else:
-            results = self.best(Format(source)) if source else ()
+            of_format = (self.best(each) for each in Format if each.value == source)
+            results = next(of_format, ())  # the heat may have left the roster
         return {each.kart: place for place, each in enumerate(results)}
 
     def _grid(self, karts: tuple[int, ...], heat: Heat) -> tuple[int, ...]:

@@ -432,6 +432,15 @@ def test_a_race_keeps_the_roster_and_settings_with_which_it_was_started(event: E
     assert [each.mark for each in seen.passings] == [Mark.COUNTED, Mark.DOUBTFUL]
 
 
+def test_a_kart_starts_although_the_heat_that_its_place_came_from_has_left_the_roster(
+    event: Event,
+) -> None:
+    event.start('Final', 1)
+    event.desk.feed(Terms(event.now, ROSTER._replace(heats=()), LapSettings()))
+    event.tell(What.SENT_GREEN, 2)
+    assert [kart for kart, *_ in event.places()] == [1, 2]
+
+
 @pytest.mark.parametrize('why', ['practice', 'penalty', 'lapped'])
 def test_no_question_is_asked_about_an_order_of_finish_that_need_not_be_that_of_the_results(
     event: Event, why: str
