@@ -291,9 +291,11 @@ def test_what_was_missed_is_asked_of_the_run_that_it_was_missed_in(event: Event)
 KARTS = st.sampled_from((1, 2, 3))
 WORDS = st.sampled_from([*What])
 ACTS = st.sampled_from([*Act])
+OTHERS = st.sampled_from(['cross', 'beam', 'roster'])
+ROSTERS = (ROSTER, ROSTER._replace(heats=()), Roster((1, 2), {'t1': 2}, ROSTER.heats[::2]))
 
 
-@given(st.lists(st.tuples(st.one_of(WORDS, ACTS, st.just('cross')), KARTS), max_size=60))
+@given(st.lists(st.tuples(st.one_of(WORDS, ACTS, OTHERS), KARTS), max_size=60))
 def test_a_desk_that_is_fed_again_knows_the_same_and_no_order_of_things_breaks_it(
     story: list[tuple[object, int]],
 ) -> None:
@@ -309,7 +311,7 @@ def test_a_desk_that_is_fed_again_knows_the_same_and_no_order_of_things_breaks_i
     for what, kart in story:
         event.now += 3.0
         if what is What.GRID_ACTIVE:
-            event.start('Heat 1', 1, 2)
+            event.start(ROSTER.heats[kart - 1].name, 1, 2)
         elif isinstance(what, What):
             event.tell(what, kart)
         elif isinstance(what, Act):
@@ -317,8 +319,12 @@ def test_a_desk_that_is_fed_again_knows_the_same_and_no_order_of_things_breaks_i
             event.correct(
                 what, kart, passing=passing, transponder='t9', seconds=5, reason='because'
             )
+        elif what == 'roster':
+            event.desk.feed(Terms(event.now, ROSTERS[kart - 1], LapSettings()))
         else:
-            event.cross(kart)
+            seen = event.cross_later(kart, 0.0)
+            nobody = seen._replace(transponder='')
+            event.desk.feed(Passed(event.now, (nobody if what == 'beam' else seen,)))
     for each in fed:
         again.feed(each)
     assert again.standings() == event.desk.standings()
