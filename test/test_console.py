@@ -144,7 +144,7 @@ def test_once_the_last_window_hangs_its_race_is_sent_red_flag(
     console.start_race()
     kart.wait_for_state(GREEN_GREEN)
 
-    console.block(PATIENCE)  # its own thread only: DDS goes on
+    console.block()  # its own thread only: DDS goes on
 
     kart.wait_for_state(RED_FLAG)
     console.kill()  # it would not end in time
@@ -493,8 +493,8 @@ def test_a_whole_race_by_clicks_and_one_by_keys_only(open_beside: OpenBeside) ->
 # ----- old keys and clicks ------------------------------------------------------------------
 
 
-HELD_UP = 2.0
-"""How long a window hangs here, seconds."""
+HELD_UP = 1.0
+"""How long a window hangs here after what was typed, seconds."""
 
 
 @contextlib.contextmanager
@@ -504,16 +504,16 @@ def held_up(console: Console, whole: bool = False) -> Iterator[None]:
 
     :param whole: its whole process is stopped; else its own thread only.
     """
-    ends = time.monotonic() + HELD_UP
     if whole:
         console.signal(signal.SIGSTOP)
     else:
-        console.block(HELD_UP)
+        console.block()
     try:
         yield
-        time.sleep(max(0.0, ends - time.monotonic()))  # what was typed becomes old
+        time.sleep(HELD_UP)  # what was typed becomes old, however long it took to hang and type
     finally:
         console.signal(signal.SIGCONT)
+        console.go_on()
 
 
 def test_what_was_pressed_while_the_window_hung_starts_no_race(open_beside: OpenBeside) -> None:

@@ -191,9 +191,12 @@ class Console(Program):
         self.ask('F3')
         self.press('y', see='state', text='GREEN GREEN')
 
-    def block(self, seconds: float) -> None:
-        """Have the window's own thread do nothing for so long; return once it has begun."""
-        self._ask(do='block', seconds=seconds)
+    def block(self) -> None:
+        """Have the window's own thread do nothing until `go_on`; return once it has begun."""
+        self._ask(do='block')
+
+    def go_on(self) -> None:
+        self._probe.sendall(json.dumps({'do': 'go on'}).encode() + b'\n')
 
     def screenshot(self, path: pathlib.Path) -> None:
         """Write what the screen shows into a PNG file."""
@@ -324,8 +327,9 @@ def probe(window: Any, address: str) -> None:
             until = time.monotonic() + question['seconds']
             wait(question['name'], question['wanted'], until)
         elif question['do'] == 'block':
+            going_on.clear()
             answer(True)
-            time.sleep(question['seconds'])
+            going_on.wait()
         elif question['do'] == 'screenshot':
             picture = QtGui.QGuiApplication.primaryScreen().grabWindow(0).toImage()
             few = picture.convertToFormat(
@@ -333,14 +337,18 @@ def probe(window: Any, address: str) -> None:
             )
             answer(few.save(question['path'], 'PNG', 0))
 
+    going_on = threading.Event()
     asked = Asked()
     asked.question.connect(take, QtCore.Qt.ConnectionType.QueuedConnection)
     window.probe = asked
 
     def listen() -> None:
         with talking.makefile('r') as lines:
-            for line in lines:
-                asked.question.emit(json.loads(line))
+            for question in map(json.loads, lines):
+                if question['do'] == 'go on':
+                    going_on.set()
+                else:
+                    asked.question.emit(question)
 
     window.activateWindow()
     threading.Thread(target=listen, daemon=True).start()
