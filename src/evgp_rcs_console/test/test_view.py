@@ -575,6 +575,7 @@ TONES = {'✓': Tone.GOOD, '…': Tone.WAIT, '!': Tone.BAD}
         ({**FLAGGED, 'flag_at': None}, '✓ driving', SAYS, ''),
         ({**FLAGGED, 'sent': RED_RED}, '✓ stopped', SAYS, ''),
         ({**FLAGGED, 'connected': False}, '! no answer', '', ''),
+        ({'in_race': False}, '… not yet', SAYS, 'not in the race'),
         ({'stopped_itself': True, 'reported': RED_RED}, '! stopped itself', 'says RED RED', ''),
     ],
 )
@@ -874,3 +875,6 @@ def test_a_kart_whose_last_lap_is_done_is_named_in_the_strip_and_in_its_row() ->
     assert screen.rows[0].note.tone is Tone.WAIT
     assert screen.reminder in '\n'.join(table(screen))
     assert not Screen(race, 0.0, {}, SILENT, known).reminder
+    for changes in ({'place': 1}, {'in_race': False}, {'hold': RED_FLAG}):
+        other = replace(race, karts=(replace(KART, **changes),))
+        assert not Screen(other, 0.0, {}, None, known).reminder
