@@ -15,6 +15,7 @@ from evgp_node.results import (
     KartResult,
     Mark,
     Passing,
+    Penalty,
     RaceOfEvent,
     Standings,
     Status,
@@ -38,6 +39,7 @@ from evgp_rcs.words import Cell, GONE_AFTER, STATE_CELLS, STATES, tally, time_of
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import request
 from evgp_rcs_console.results import races
+from evgp_rcs_console.results import table as results_table
 from evgp_rcs_console.view import (
     BARS,
     BEGINS_WITHIN,
@@ -853,6 +855,13 @@ def test_a_disagreement_about_results_is_no_question_to_the_race_director() -> N
     screens = [screen_of(results) for results in (asked, known)]
     assert table(screens[0]) == table(screens[1])
     assert screens[0].rows == screens[1].rows
+
+
+def test_a_disqualified_kart_is_said_to_be_so_once_with_the_reason() -> None:
+    out = Penalty(7, 0, 0, True, 'not fit to race', 'Ben')
+    kart = driven(7, 1)._replace(place=0, status=Status.DISQUALIFIED, penalties=(out,))
+
+    assert results_table(timing(karts=(kart,)), {})[1][-1] == 'disqualified: not fit to race'
 
 
 def test_the_races_of_the_event_are_listed_with_the_numbers_by_which_one_is_chosen() -> None:
