@@ -35,6 +35,10 @@ def lap_time(seconds: float | None, digits: int = 3) -> str:
     return f'{"-" if seconds < 0 else ""}{minutes}:{rest // unit:02}{point}'
 
 
+def _laps(number: int) -> str:
+    return f'{number} lap{"s" * (number > 1)}'
+
+
 TIMING_GONE = 3.0
 """Time without results after which screens say that there is no timing, in seconds. The timekeeper
 publishes results at least once a second."""
@@ -97,7 +101,7 @@ class Penalty(NamedTuple):
     def costs(self) -> list[str]:
         """Return what the penalty takes from the kart's result, as texts."""
         costs = [f'+{self.seconds} s'] * bool(self.seconds)
-        costs += [f'-{self.laps} laps'] * bool(self.laps)
+        costs += [f'-{_laps(self.laps)}'] * bool(self.laps)
         return costs + ['disqualified'] * self.disqualified
 
     def __str__(self) -> str:
@@ -244,7 +248,7 @@ class Standings(NamedTuple):
     @property
     def about(self) -> str:
         """Return the format and the number of laps, if any, such as ``time trial to 2 laps``."""
-        return f'{self.format}{f" to {self.laps} laps" if self.laps else ""}'
+        return f'{self.format} to {_laps(self.laps)}' if self.laps else str(self.format)
 
     def kart(self, number: int) -> KartResult | None:
         """Return the result of the kart with this number; None if it did not start."""
@@ -262,7 +266,7 @@ class Standings(NamedTuple):
         if kart is first or mine is None or leading is None or laps < 0:
             return ''
         if laps:
-            return f'+{laps} lap{"s" * (laps > 1)}'
+            return f'+{_laps(laps)}'
         gap = mine - leading
         return f'+{gap:.3f}' if gap < 60.0 else f'+{lap_time(gap)}'
 

@@ -128,6 +128,7 @@ def test_a_lap_that_was_taken_away_is_still_the_lap_of_its_crossing() -> None:
         result(7, 1, 40.0, 41.0, penalties=(lap,)), passings=(seen(7, 1), seen(7, 2), seen(7, 3))
     )
     assert cell(results, 7, 'LAPS') == '1'
+    assert cell(results, 7, 'STATUS').endswith('-1 lap: overtook under yellow')
     assert next(view.crossings(results)).text == 'lap 2, 0:41.000'
 
 
