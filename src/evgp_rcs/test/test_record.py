@@ -137,6 +137,8 @@ def test_a_file_that_is_no_record_is_left_alone_and_does_not_keep_race_control_f
     assert record.error
     assert record.left_behind is None
     assert path.stat().st_mtime_ns == before.st_mtime_ns
+    path.rename(path.with_name('away'))  # as the official is told to do
+    assert record.write(), record.error
 
 
 # ----- a record that was harmed ------------------------------------------------------------

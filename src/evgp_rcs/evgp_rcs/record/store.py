@@ -179,10 +179,14 @@ class Record:
                 self._open()
             self._write()
         except (*_UNWRITABLE, RecordError) as error:
-            # SQLite's view of the file may be wrong now, so the next attempt opens it again.
+            # SQLite's view of the file may be wrong now, so the next attempt opens it again. If no
+            # run has begun in the file, somebody may also move it away.
             if self._database is not None:
                 self._database.close()
                 self._database = None
+            if self._claimed is not None and not self._run:
+                self._claimed.close()
+                self._claimed = None
             self.error = in_words(error)
             self._due = clock.now() + RETRY
             return False
@@ -233,8 +237,9 @@ class Record:
                 f'{self._path} is not a record of this race control ({error}): move it away, or '
                 'choose another file with the parameter record'
             ) from error
-        self._run = self._run or run
-        _checkpoint(self._database)  # what a crash has left beside the file
+        if not self._run:
+            self._run = run
+            _checkpoint(self._database)  # what a crash has left beside the file
 
     def _write(self) -> None:
         assert self._database is not None
