@@ -36,7 +36,6 @@ class Acknowledges(enum.Enum):
 
     NEVER = enum.auto()
     EACH_CHANGE = enum.auto()
-    EACH_FRAME = enum.auto()
 
 
 def kart_socket(
@@ -246,9 +245,7 @@ class WireKart(KartLink, Part):
 
         :param change: whether the state differs from the one before.
         """
-        if self.acknowledges is Acknowledges.EACH_FRAME or (
-            change and self.acknowledges is Acknowledges.EACH_CHANGE
-        ):
+        if change and self.acknowledges is Acknowledges.EACH_CHANGE:
             with contextlib.suppress(OSError):  # it is gone; the reader notices next
                 self.say(state)
 
