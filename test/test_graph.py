@@ -166,7 +166,6 @@ def beside(control: RaceControl, parts: contextlib.ExitStack) -> Bridge:
 
 
 @pytest.mark.long
-@pytest.mark.own_process
 def test_no_stranger_on_the_network_plays_race_control_to_the_consoles(
     networks: TwoNetworks,
     parts: contextlib.ExitStack,
@@ -204,7 +203,6 @@ def check_that_an_official_sees(domain: int) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.own_process
 def test_an_official_on_the_officials_network_gets_in_and_a_stranger_on_the_karts_does_not(
     networks: TwoNetworks, for_officials: RaceControl, monkeypatch: pytest.MonkeyPatch
 ) -> None:

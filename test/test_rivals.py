@@ -52,7 +52,6 @@ def test_a_second_race_control_here_does_not_start_unless_its_name_and_its_port_
     race.official.command('all_kill')
 
 
-@pytest.mark.own_process
 def test_a_second_race_control_on_the_officials_network_does_not_start(
     parts: contextlib.ExitStack,
     domain: int,

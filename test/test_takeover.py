@@ -114,7 +114,6 @@ def test_a_spare_takes_over_and_sends_every_kart_red_red_and_ends_when_the_first
     assert f'{RACE_CONTROL}/' not in left.stdout
 
 
-@pytest.mark.own_process
 def test_nothing_is_taken_over_while_the_first_may_be_there_on_any_network(
     event: Event, monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path
 ) -> None:
@@ -172,7 +171,6 @@ def test_the_address_is_given_back_however_the_takeover_ends() -> None:
             time.sleep(0.02)
 
 
-@pytest.mark.own_process
 def test_race_control_does_not_start_where_another_machine_has_its_address(
     event: Event, tmp_path: pathlib.Path
 ) -> None:
