@@ -14,7 +14,7 @@ import queue
 import socket
 import threading
 import time
-from typing import Any
+from typing import Any, TypeVar
 
 from evgp_node.roster import MOST_ENTRIES
 from evgp_protocol import clock
@@ -46,6 +46,8 @@ from evgp_rcs.rules.snapshot import Snapshot
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
 from recorded_races import as_seen
+
+T = TypeVar('T')
 
 TIMEOUT = 20.0
 NO_BEAT = 0.001  # Hz: no second frame comes by itself while a test runs
@@ -136,12 +138,25 @@ class Running:
 
     def wait_for(self, kind: EventKind, kart: int = 0, count: int = 1) -> list[Event]:
         def found() -> list[Event]:
-            return [each for each in self.events if (each.kind, each.kart) == (kind, kart)]
+            events = [each for each in self.events if (each.kind, each.kart) == (kind, kart)]
+            return events if len(events) >= count else []
 
+        return self.wait_until(found)
+
+    def wait_until(self, found: Callable[[], T]) -> T:
+        """Return what a function returns about this server, once that is true."""
         with self._news:
-            enough = self._news.wait_for(lambda: len(found()) >= count, TIMEOUT)
-            assert enough, f'no {kind.value} of {kart}: {[each.text for each in self.events]}'
-            return found()
+            value = self._news.wait_for(found, TIMEOUT)
+        assert value, [each.text for each in self.events]
+        return value
+
+    def wait_for_log(self, kind: type[Any]) -> None:
+        """Return once the record has been sent an entry of this kind."""
+        self.wait_until(
+            lambda: [
+                each for batch in self.log for each in batch.entries if isinstance(each, kind)
+            ]
+        )
 
     def wait_for_failure(self) -> BaseException:
         self._thread.join(TIMEOUT)
@@ -198,16 +213,12 @@ class Running:
         """Return the time of the first copy from now on for which `found` is true (s)."""
         with self._news:
             self._shown_at = 0.0
-            assert self._news.wait_for(
-                lambda: self._shown_at > 0.0 and found(self.race, self._shown_at), TIMEOUT
-            )
-            return self._shown_at
+        return self.wait_until(lambda: found(self.race, self._shown_at) and self._shown_at)
 
     def race_was_shown(self, times: int) -> None:
         """Return once the race was shown so often again."""
-        with self._news:
-            wanted = self._shown + times
-            assert self._news.wait_for(lambda: self._shown >= wanted, TIMEOUT)
+        wanted = self._shown + times
+        self.wait_until(lambda: self._shown >= wanted)
 
     def remember(self, memory: RaceMemory) -> None:
         with self._news:
@@ -218,10 +229,9 @@ class Running:
 
     def shown_by_the_next_memory(self) -> int:
         """Return how often the race was shown, once it was remembered again."""
-        with self._news:
-            before = len(self.remembered)
-            assert self._news.wait_for(lambda: len(self.remembered) > before, TIMEOUT)
-            return self._shown
+        before = len(self.remembered)
+        self.wait_until(lambda: len(self.remembered) > before)
+        return self._shown
 
     def _save(self, gridded: int) -> None:
         self.on_saved(gridded)
@@ -231,8 +241,7 @@ class Running:
 
     def wait_until_saved(self) -> None:
         """Return once the rules know that what there is to remember of this grid is saved."""
-        with self._news:
-            assert self._news.wait_for(lambda: self._saved == self.race.memory().gridded, TIMEOUT)
+        self.wait_until(lambda: self._saved == self.race.memory().gridded)
 
     def trouble(self) -> str:
         return self.record_trouble
@@ -749,7 +758,7 @@ def test_a_kart_server_that_was_held_up_does_not_take_the_ros_half_for_silent(ru
 
     running.on_event = hold_up
     running.connect(1)
-    logged(running, Stalled)
+    running.wait_for_log(Stalled)
     assert running.give(CommandKind.CLOSE_TRACK).success
     assert running.failure is None
 
@@ -764,19 +773,6 @@ def test_a_ros_half_that_accepts_nothing_is_shown_no_race_and_given_up_in_the_en
     assert 'no longer accepts' in str(running.wait_for_failure())
 
 
-def logged(running: Running, kind: type[Any]) -> list[Any]:
-    """Return what went into the rules, once there is any of this kind."""
-    with running._news:
-
-        def entries() -> list[Any]:
-            return [each for batch in running.log for each in batch.entries]
-
-        assert running._news.wait_for(
-            lambda: any(isinstance(each, kind) for each in entries()), TIMEOUT
-        )
-        return entries()
-
-
 def test_what_an_input_has_made_is_handed_to_the_record_with_it(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -788,7 +784,7 @@ def test_what_an_input_has_made_is_handed_to_the_record_with_it(
     running.submit(Command(CommandKind.ALL_KILL)).result(TIMEOUT)
     for client in clients:
         read_until(client, RED_RED)
-    logged(running, Commanded)
+    running.wait_for_log(Commanded)
     running.wait_for(EventKind.KART_STATE, 2)
     with running._news:
         batches = [batch.entries for batch in running.log]
