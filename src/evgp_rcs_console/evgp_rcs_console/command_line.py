@@ -231,9 +231,6 @@ def parser() -> argparse.ArgumentParser:
     watch.set_defaults(parser=watch)
     watch.add_argument('--once', action='store_true', help='show it once and exit')
     watch.add_argument('--events', action='store_true', help='print one event per line')
-    watch.add_argument(
-        '--kart', type=_kart_number, default=0, help='with --events: only the events of this kart'
-    )
     results = 'show laps, places, the last passings and the races of the event'
     each = commands.add_parser('results', help=results, parents=[waiting], description=results)
     each.set_defaults(parser=each)

@@ -342,7 +342,6 @@ class Terminal:
                 f'{time_of_day(wall_ns // 1_000_000_000)} {" " if event.success else "!"} '
                 f'{said_by(event.text, event.official)}'
                 for _, wall_ns, _, event in fresh
-                if not wanted.kart or event.kart in (0, wanted.kart)
             ]
             if banner != said and banner:
                 lines.insert(0, texts.BANNER.format(banner=banner))
