@@ -69,31 +69,17 @@ def test_the_message_has_a_constant_for_every_command_and_none_besides() -> None
     assert len(set(constants.values()) - {0}) == len(constants)
 
 
-@pytest.mark.parametrize('kind', CommandKind)
-def test_the_request_of_a_command_has_the_fields_that_the_catalogue_names(
-    kind: CommandKind,
-) -> None:
-    entry = CATALOGUE[kind]
-
-    request = getattr(srv, entry.service_type).Request
-
-    assert request.get_fields_and_field_types() == fields_of(entry)
-
-
 @pytest.mark.parametrize('name', kinds_by_service())
-def test_commands_that_share_a_service_differ_in_a_field_of_the_request_alone(name: str) -> None:
-    kinds = kinds_by_service()[name]
-    entries = [CATALOGUE[kind] for kind in kinds]
+def test_a_request_has_the_fields_of_its_commands_and_one_that_tells_two_apart(name: str) -> None:
+    entries = [CATALOGUE[kind] for kind in kinds_by_service()[name]]
+    ((service_type, *_),) = {(each.service_type, each.overtakes, *each.fixed) for each in entries}
+    fields = {field: of for entry in entries for field, of in fields_of(entry).items()}
 
-    def of_service(entry: Entry) -> tuple[object, ...]:
-        called = entry.service_type, entry.overtakes
-        return *called, fields_of(entry)
+    request = getattr(srv, service_type).Request
 
-    assert [of_service(entry) for entry in entries] == [of_service(entries[0])] * len(kinds)
-    (field,) = entries[0].fixed if len(kinds) > 1 else ('',)
-    assert [entry.fixed.get(field) for entry in entries] == [True, False][: len(kinds)] or (
-        len(kinds) == 1 and not entries[0].fixed
-    )
+    assert request.get_fields_and_field_types() == fields
+    values = [[*entry.fixed.values()] for entry in entries]
+    assert values == ([[]] if len(entries) == 1 else [[True], [False]])
 
 
 def test_what_overtakes_is_what_stops_and_none_of_it_loosens() -> None:

@@ -62,7 +62,8 @@ class Entry:
     :param call_is_statement: whether calling the service is itself the statement.
     :param to_one_kart: whether the request names a kart (`kart`).
     :param takes: the other fields of the request, with the same names as in ``Command``. `karts`,
-        `hold`, `opening` and `reading` say what the official saw.
+        `hold`, `opening` and `reading` say what the official saw. Of two commands that share a
+        service, each has only the fields that it uses.
     :param flag: the option of `rcs_ctl` for a statement, and what it states; None if none.
     :param word: the command's name in `rcs_ctl`, if it differs from the name of the kind.
     :param short: text of the button where there is little room, if it differs from `label`.

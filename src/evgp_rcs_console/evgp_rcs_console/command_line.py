@@ -18,7 +18,6 @@ import os
 import sys
 from typing import NamedTuple, NoReturn
 
-from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
 
 
@@ -193,7 +192,7 @@ def parser() -> argparse.ArgumentParser:
                 help='the karts to which the command applies; if omitted, rcs_ctl lists the karts '
                 'and sends nothing',
             )
-        if command is CommandKind.TAKE_ROSTER:
+        if 'reading' in entry.takes:
             each.add_argument('reading', type=_count, help='the number that reload-roster printed')
         if 'opening' in entry.takes:
             each.add_argument(

@@ -394,9 +394,8 @@ class RcsNode(StrictNode):
                 command = command._replace(roster=read_roster(self._roster))
                 took = clock.now() - came
                 if took > ANSWER_TIMEOUT:  # so old a command has expired
-                    why = f'the disk took {took:.1f} s to return the roster'
-                    text = f'{command.kind.value} was not sent: {why}. Send it again.'
-                    return Answer(False, text)
+                    why = f'the disk took {took:.1f} s to return the roster. Send it again'
+                    raise RosterError(why)
             answer = self._server.command(command, came)
             if answer is not None:
                 return answer

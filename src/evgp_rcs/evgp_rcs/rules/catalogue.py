@@ -248,7 +248,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'read the roster file again, and say what would change',
         'reload_roster',
         fixed={'take': False},
-        takes=('reading',),
         word='reload-roster',
         bookkeeping=True,
     ),
@@ -278,7 +277,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         Result(track_open=False),
         fixed={'open': False},
         undoes=CommandKind.OPEN_TRACK,
-        statement='no_race_anywhere',  # both share one request; closing needs no statement
         key='F7',
         bookkeeping=True,
     ),
