@@ -19,6 +19,7 @@ import threading
 import time
 
 from evgp_node.official import UNNAMED
+from evgp_node.rclpy_private import RCLError
 from evgp_node.results import Act
 from evgp_node.stamps import seconds_of
 from evgp_protocol.clock import now
@@ -755,6 +756,22 @@ def test_a_command_that_cannot_be_sent_is_said_not_to_be_sent_and_stops_still_ar
         hearing.wait_for(lambda: hearing.answer and hearing.answer[1].success, now() + PATIENCE)
         assert hearing.answer[0].command is CommandKind.ALL_KILL
         assert hearing.wait_for(lambda: hearing.standing[0].said, now() + PATIENCE)
+
+
+def test_an_announcement_that_cannot_be_published_keeps_no_stop_from_being_sent(
+    lasting: RaceControl, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by a wall clock past 2038, which may be right again when the stop is pressed."""
+
+    def fail(message: object) -> None:
+        raise RCLError('cannot publish data')
+
+    hearing = Hearing()
+    with client_of(lasting.domain, hearing, there='rcs_gui') as client:
+        monkeypatch.setattr(client._there, 'publish', fail)
+        client.announce('Anna', '')
+        client.give(Given(CommandKind.ALL_KILL))
+        assert hearing.wait_for(lambda: hearing.answer, now() + 5.0)
 
 
 @pytest.mark.parametrize(

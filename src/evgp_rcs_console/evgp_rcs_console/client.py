@@ -282,7 +282,10 @@ class Client:
             self._give_up()
 
     def _publish(self, presence: msg.Presence) -> None:
-        if self._there is not None:
+        if self._there is None:
+            return
+        # Whatever fails here, such as DDS by a wall clock past 2038, this thread must send stops.
+        with contextlib.suppress(Exception):
             if not self.node.count_services(self.node.resolve_service_name('rcs/all_kill')):
                 presence.fault = presence.fault or "it cannot find race control's services"
             self._there.publish(presence)
