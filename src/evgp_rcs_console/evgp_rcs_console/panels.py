@@ -58,14 +58,9 @@ def danger_panel() -> Panel:
 
 
 def clock_panel() -> Panel:
-    """Return the area of the time of day, the time since GREEN GREEN, and the heat."""
-    parts = (
-        Text('time_of_day', 'large bold', RIGHT),
-        Text('race_time', 'bold', RIGHT),
-        Text('heat', 'faint', RIGHT),
-    )
-    rows = [[each] for each in parts]
-    return lay(Panel('clock', ''), *rows, margins=(0, 4, 4, 3), heights=(34, 20, 18))
+    """Return the area of the time of day and the heat."""
+    rows = [Text('time_of_day', 'large bold', RIGHT)], [Text('heat', 'faint', RIGHT)]
+    return lay(Panel('clock', ''), *rows, margins=(0, 10, 4, 12), heights=(32, 20))
 
 
 def strip(heat: CommandButton) -> Panel:

@@ -370,12 +370,6 @@ class Screen:
         return since
 
     @property
-    def clock(self) -> str:
-        """Return the time since GREEN GREEN; empty if the race is not in GREEN GREEN."""
-        is_green = self.snapshot.state is RaceState.GREEN_GREEN and not self.stale
-        return clock(self.now - self.snapshot.state_since) if is_green else ''
-
-    @property
     def msr(self) -> Cell:
         """Return every kart that needs the MSR, or a note that the MSR is in use."""
         race = self.snapshot
@@ -440,7 +434,6 @@ class Screen:
             'state_since': Cell(self.since),
             'humans': self.humans,
             'humans_reason': Cell(self.humans_reason[:1].upper() + self.humans_reason[1:]),
-            'race_time': Cell(f'GREEN for {self.clock}' if self.clock else ''),
             'heat': Cell(texts.heat_in_race(race)),
             'tally': Cell(tally(race) or 'no kart is in the race', dated),
             'msr': self.msr,
