@@ -93,15 +93,6 @@ class Reader:
 
 
 @dataclass
-class Counted:
-    """A word that counted: for which order, when, and which one the kart had read last."""
-
-    at: float
-    serial: int
-    meant: int
-
-
-@dataclass
 class Given:
     """
     An order.
@@ -109,7 +100,6 @@ class Given:
     :ivar said_at: when the first word for it, or what could be one, was heard (s).
     :ivar counted_at: when a word first counted for it (s).
     :ivar counts_in: how long it was said to take at most when the first word was heard, s.
-    :ivar read_at: when the kart first read it (s).
     """
 
     at: float
@@ -117,7 +107,6 @@ class Given:
     said_at: float | None = None
     counted_at: float | None = None
     counts_in: float = 0.0
-    read_at: float | None = None
 
 
 @dataclass
@@ -125,14 +114,11 @@ class Story:
     """What became of a kart's orders and words."""
 
     orders: list[Given] = field(default_factory=list)
-    counted: list[Counted] = field(default_factory=list)
+    stale: list[tuple[int, int]] = field(default_factory=list)
+    """Each word that counted for an order that the kart had not read: for which, and which one the
+    kart had read last."""
     behind: list[tuple[float, float]] = field(default_factory=list)
     """When it was said to be behind, and how far (s)."""
-
-    @property
-    def stale(self) -> list[Counted]:
-        """Return the words that counted for an order that the kart had not read."""
-        return [each for each in self.counted if each.serial > each.meant]
 
 
 def story_of(
@@ -161,51 +147,43 @@ class _Told:
         self.change = 0  # the serial of the state that it read last, where that changed
         self.change_at = 0.0
         self.last_word: RaceState | None = None
-        self.on_the_way: deque[tuple[float, RaceState, int]] = deque()
-        self.meant: deque[tuple[RaceState, int]] = deque()  # of each word for the last order
+        self.last_heard: tuple[RaceState, int] | None = None  # and which order it was meant for
         self.said_change = 0
-        self.due = 0  # words on the way whose time is set
+        self.counter = itertools.count()
+        self.to_come: list[tuple[float, int, str, RaceState, int]] = []
+
+    def at(self, when: float, what: str, state: RaceState = GARAGE, serial: int = 0) -> None:
+        heapq.heappush(self.to_come, (when, next(self.counter), what, state, serial))
 
     def tell(self, orders: list[tuple[RaceState, float]]) -> Story:
-        counter = itertools.count()
-        events: list[tuple[float, int, str, int]] = []
-
-        def at(when: float, what: str, which: int = 0) -> None:
-            heapq.heappush(events, (when, next(counter), what, which))
-
-        begins = 0.0
-        for number, (_, lasts) in enumerate(orders):
-            at(begins, 'order', number)
-            begins += lasts
+        ends = 0.0
+        for state, lasts in orders:
+            self.at(ends, 'order', state)
+            ends += lasts
         period = 1.0 / self.beat_rate
-        at(0.37 * period, 'beat')
+        self.at(0.37 * period, 'beat')
         if self.reader.rate:
-            at(0.61 / self.reader.rate, 'turn')
+            self.at(0.61 / self.reader.rate, 'turn')
         if self.habit.greets:
-            at(0.001, 'greet')
-        while events:
-            now, _, what, which = heapq.heappop(events)
-            if now > begins:
-                break
-            self.arrive(now)
+            self.at(0.001, 'greet')
+        while True:
+            now, _, what, state, serial = heapq.heappop(self.to_come)
+            if now > ends:
+                return self.story
             if what == 'order':
-                self.order(orders[which][0], now)
+                self.order(state, now)
             elif what == 'beat':
                 self.beat(now)
-                at(now + period, 'beat')
+                self.at(now + period, 'beat')
             elif what == 'greet':
-                self.word(GARAGE, 1, now)
+                self.say(GARAGE, 1, now)
+            elif what == 'arrive':
+                self.arrive(state, serial, now)
             if what == 'turn':
                 self.read(now)
-                at(now + 1.0 / self.reader.rate, 'turn')
+                self.at(now + 1.0 / self.reader.rate, 'turn')
             elif not self.reader.rate:
                 self.read(now)
-            self.arrive(now)
-            # Each word has its own time to arrive at, once.
-            for _ in range(len(self.on_the_way) - self.due):
-                at(self.on_the_way[self.due][0], 'arrive')
-                self.due += 1
-        return self.story
 
     def order(self, state: RaceState, now: float) -> None:
         self.story.orders.append(Given(now, state))
@@ -219,8 +197,9 @@ class _Told:
         self.hearing.beat(now)
         for frame, serial in self.hearing.settled():
             # The last word of all that were said: nothing followed it.
-            self.count(serial, self.meant[-1][1], now)
-            assert frame.state is self.meant[-1][0]
+            assert self.last_heard is not None
+            assert frame.state is self.last_heard[0]
+            self.count(serial, self.last_heard[1], now)
         if self.story.orders:
             self.sent += len(encode(self.story.orders[-1].state))
             self.unread.append(len(self.story.orders))
@@ -240,7 +219,6 @@ class _Told:
             order = self.story.orders[serial - 1]
             if serial != self.change:
                 self.change, self.change_at = serial, now
-                order.read_at = now
             self.speak(order.state, serial, now)
             if self.reader.rate and self.reader.one_frame:
                 return
@@ -250,30 +228,31 @@ class _Told:
             return
         if self.habit.says_back(state, self.said_change != serial, self.last_word):
             self.said_change = serial
-            self.word(state, serial, now)
+            self.say(state, serial, now)
 
-    def word(self, state: RaceState, serial: int, now: float) -> None:
+    def say(self, state: RaceState, serial: int, now: float) -> None:
         self.last_word = state
-        self.on_the_way.append((now + self.reader.says_after, state, serial))
+        if self.reader.says_after:
+            self.at(now + self.reader.says_after, 'arrive', state, serial)
+        else:
+            self.arrive(state, serial, now)
 
-    def arrive(self, now: float) -> None:
-        while self.on_the_way and self.on_the_way[0][0] <= now:
-            _, state, meant = self.on_the_way.popleft()
-            self.due = max(0, self.due - 1)
-            data = encode(state)
-            self.hearing.read(len(data))
-            self.hearing.look(self.sent, 0)
-            ((heard, serial),) = self.hearing.decode(memoryview(data))
-            assert isinstance(heard, StateFrame)
-            self.meant.append((state, meant))
-            present = self.story.orders[-1]
-            if state is present.state and present.said_at is None:
-                present.said_at, present.counts_in = now, self.hearing.counts_in()
-            if serial:
-                self.count(serial, meant, now)
+    def arrive(self, state: RaceState, meant: int, now: float) -> None:
+        data = encode(state)
+        self.hearing.read(len(data))
+        self.hearing.look(self.sent, 0)
+        ((heard, serial),) = self.hearing.decode(memoryview(data))
+        assert isinstance(heard, StateFrame)
+        self.last_heard = state, meant
+        present = self.story.orders[-1]
+        if state is present.state and present.said_at is None:
+            present.said_at, present.counts_in = now, self.hearing.counts_in()
+        if serial:
+            self.count(serial, meant, now)
 
     def count(self, serial: int, meant: int, now: float) -> None:
-        self.story.counted.append(Counted(now, serial, meant))
+        if serial > meant:
+            self.story.stale.append((serial, meant))
         order = self.story.orders[serial - 1]
         if serial == len(self.story.orders) and order.counted_at is None:
             order.counted_at = now
