@@ -1,14 +1,21 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The searches of this folder need no time of their own: whatever keeps time goes before them."""
+"""What the tests of this folder share."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+import pathlib
 
 import pytest
 from rig.niceness import at_niceness
+
+
+@pytest.fixture
+def path(tmp_path: pathlib.Path) -> pathlib.Path:
+    """Return where a record may be made."""
+    return tmp_path / 'record.sqlite3'
 
 
 @pytest.fixture(scope='module')

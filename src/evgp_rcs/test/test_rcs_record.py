@@ -54,11 +54,6 @@ def arguments_of(way: str, record: pathlib.Path) -> list[str]:
     return [way, str(record), *output.get(way, [])]
 
 
-@pytest.fixture
-def path(tmp_path: pathlib.Path) -> pathlib.Path:
-    return tmp_path / 'record.sqlite3'
-
-
 @pytest.fixture(scope='module')
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     """Return a record of dozens of pages: a short run, and a long one with what went into it."""

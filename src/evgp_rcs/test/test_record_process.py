@@ -32,15 +32,15 @@ HOME = RaceMemory(RaceState.IN_GARAGE, {})
 GRID = RaceMemory(RaceState.GRID_ACTIVE, {}, gridded=7)
 
 
-@pytest.fixture
-def path(tmp_path: pathlib.Path) -> pathlib.Path:
-    return tmp_path / 'record.sqlite3'
+def started(path: pathlib.Path) -> RecordProcess:
+    running = RecordProcess(path, path.with_name('mark'))
+    running._socket.setblocking(False)  # as its loop does
+    return running
 
 
 @pytest.fixture
 def record(path: pathlib.Path) -> Iterator[RecordProcess]:
-    running = RecordProcess(path, path.with_name('mark'))
-    running._socket.setblocking(False)  # as its loop does
+    running = started(path)
     yield running
     with contextlib.suppress(ProcessLookupError):
         os.kill(running.pid, signal.SIGCONT)
@@ -86,8 +86,7 @@ def test_what_has_reached_it_is_written_although_the_kart_server_is_killed(
 ) -> None:
     written = 100
     if not (pid := os.fork()):
-        dying = RecordProcess(path, path.with_name('mark'))
-        dying._socket.setblocking(False)
+        dying = started(path)
         freeze(dying.pid)  # so that all of it still waits
         for number in range(1, written + 1):
             put(dying, number)
@@ -142,8 +141,7 @@ def test_a_process_that_is_frozen_is_trouble_until_it_goes_on_and_nothing_is_los
 def test_a_mark_that_cannot_be_written_is_trouble_until_it_can(path: pathlib.Path) -> None:
     mark = path.with_name('mark')
     mark.mkdir()
-    record = RecordProcess(path, mark)
-    record._socket.setblocking(False)
+    record = started(path)
     assert record.opened.last_run is LastRun.UNKNOWN
     assert str(mark) in record.opened.why
     assert str(mark) in record.trouble()
@@ -193,8 +191,7 @@ def test_a_disk_that_writes_each_event_in_time_is_no_trouble_although_there_is_a
     monkeypatch.setattr(record_process, 'SLOW', 0.8)
     with monkeypatch.context() as in_the_process:
         in_the_process.setattr(Record, 'write', slow_write)
-        record = RecordProcess(path, path.with_name('mark'))
-    record._socket.setblocking(False)
+        record = started(path)
     for number in range(1, 41):
         put(record, number)
         time.sleep(0.05)  # what is tested is that time goes by
@@ -207,8 +204,7 @@ def test_a_disk_that_takes_nothing_is_trouble_and_no_grid_is_told_to_be_there(
     path: pathlib.Path,
 ) -> None:
     path.mkdir()  # nobody can write it, and root neither
-    record = RecordProcess(path, path.with_name('mark'))
-    record._socket.setblocking(False)
+    record = started(path)
     assert record.trouble().startswith(f'The record {path} fails: {path} is not a file')
     told: list[int] = []
     record.on_saved = told.append

@@ -136,11 +136,6 @@ def replayed(entries: Sequence[Entry]) -> Replay:
 Capture = pytest.CaptureFixture[str]
 
 
-@pytest.fixture
-def path(tmp_path: pathlib.Path) -> pathlib.Path:
-    return tmp_path / 'record.sqlite3'
-
-
 LEFT_BEHIND = rules.RaceMemory(
     RaceState.GREEN_GREEN,
     {

@@ -114,11 +114,6 @@ def test_a_race_that_race_control_left_was_ended_by_that(paper: PaperRace) -> No
 # ----- rcs_record results ---------------------------------------------------------------------
 
 
-@pytest.fixture
-def path(tmp_path: pathlib.Path) -> pathlib.Path:
-    return tmp_path / 'record.sqlite3'
-
-
 def test_the_table_has_every_race_heat_by_heat_and_so_has_the_report(
     paper: PaperRace, path: pathlib.Path
 ) -> None:
