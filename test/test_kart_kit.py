@@ -50,7 +50,7 @@ KIT = ROOT / 'kit/c'
 HEADER = KIT / 'evgp_kart.h'
 README = (KIT / 'README.md').read_text(encoding='utf-8')
 WARNINGS = ('-Wall', '-Wextra', '-Wpedantic', '-Werror', '-Wconversion', '-Wshadow')
-SANITIZED = ('-O1', '-g', '-fsanitize=address,undefined', '-fno-sanitize-recover=all')
+SANITIZED = ('-O0', '-g', '-fsanitize=address,undefined', '-fno-sanitize-recover=all')
 C99, CPP17 = ('-std=c99', '-x', 'c'), ('-std=c++17', '-x', 'c++')
 TARGETS = {
     '-m32': ('gcc', '-m32'),
