@@ -64,13 +64,12 @@ def test_a_failure_shows_what_its_processes_printed_and_the_seed_that_gives_it_a
     tmp_path: pathlib.Path,
 ) -> None:
     """In a worker, whose report has to reach the process that prints it."""
-    workers = ['-n', '1']
-    printed = run_failing(tmp_path, *workers)
+    printed = run_failing(tmp_path, '-n', '1')
     assert re.search(r'^-+ rcs_node \(\d+, runs\) -+$', printed, re.MULTILINE)
     assert re.search(r'listens for .* port \d+', printed)
     (seed,) = {*re.findall(r'--seed (\d+)', printed)}
     fell = re.findall(r'assert not (\d+)', printed)
-    again = run_failing(tmp_path, *workers, '--seed', seed, '-k', 'chance')
+    again = run_failing(tmp_path, '--seed', seed, '-k', 'chance')
     assert re.findall(r'assert not (\d+)', again) == fell
 
 

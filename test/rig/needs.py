@@ -5,11 +5,8 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import shutil
-import subprocess
-import sys
 from typing import NoReturn
 
 import pytest
@@ -36,8 +33,10 @@ def need_program(name: str, package: str) -> None:
 
 def need_qt() -> None:
     """Skip the test where Qt for Python cannot be loaded."""
-    if why := _why_no_qt():
-        cannot_run(why)
+    try:
+        import evgp_node.qt  # noqa: F401
+    except ImportError as error:
+        cannot_run(f'Qt cannot be loaded: {error}')
 
 
 def need_screen() -> None:
@@ -45,12 +44,3 @@ def need_screen() -> None:
     need_qt()
     if why := why_no_screen():
         cannot_run(why)
-
-
-@functools.cache
-def _why_no_qt() -> str:
-    code = 'import evgp_node.qt'
-    done = subprocess.run(
-        [sys.executable, '-c', code], capture_output=True, text=True, check=False
-    )
-    return f'Qt cannot be loaded: {done.stderr.splitlines()[-1]}' if done.returncode else ''

@@ -13,6 +13,7 @@ import struct
 import subprocess
 
 from evgp_testing.part import Part
+from evgp_testing.ros_side import environment_kept
 
 SOURCE = pathlib.Path(__file__).with_suffix('.c')
 
@@ -52,16 +53,9 @@ class SteppableClock(Part):
     def on_it(self) -> Iterator[None]:
         """Have the processes that are started meanwhile go by these clocks."""
         own = {'LD_PRELOAD': str(self._library), 'EVGP_TEST_CLOCK': str(self._path)}
-        before = {name: os.environ.get(name) for name in own}
-        os.environ.update(own)
-        try:
+        with environment_kept():
+            os.environ.update(own)
             yield
-        finally:
-            for name, value in before.items():
-                if value is None:
-                    del os.environ[name]
-                else:
-                    os.environ[name] = value
 
     def _write(self) -> None:
         nanoseconds = (round(each * 1e9) for each in (self._wall, self._boot))
