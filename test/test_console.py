@@ -33,7 +33,6 @@ from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
-from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl, Timekeeper
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges, WireKart
