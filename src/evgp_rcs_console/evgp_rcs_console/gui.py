@@ -27,7 +27,9 @@ BATTERY_PERIOD = 30.0
 """Time between two readings of the battery, in seconds."""
 
 
-def main(arguments: Sequence[str] | None = None, on_window: Callable[[Any], object] = id) -> int:
+def main(
+    arguments: Sequence[str] | None = None, on_window: Callable[[Any], object] | None = None
+) -> int:
     """
     Open the window and run until it is closed. The result is that of ``run_window``.
 
@@ -41,7 +43,7 @@ def main(arguments: Sequence[str] | None = None, on_window: Callable[[Any], obje
     return run_window('rcs_gui', functools.partial(_open, on_window), texts.NOT_ALLOWED, arguments)
 
 
-def _open(on_window: Callable[[Any], object], application: Any) -> Callable[[], object]:
+def _open(on_window: Callable[[Any], object] | None, application: Any) -> Callable[[], object]:
     """Open the window and its client, and return a function that closes both."""
     from evgp_node.qt import QtCore
     from evgp_rcs_console.display import Inbox
@@ -67,7 +69,8 @@ def _open(on_window: Callable[[Any], object], application: Any) -> Callable[[], 
     there.timeout.connect(lambda: client.announce(signature.name, window.unheard))
     there.timeout.emit()
     there.start(round(1000 * PRESENCE_PERIOD))
-    on_window(window)
+    if on_window is not None:
+        on_window(window)
 
     def close() -> None:
         window.close()
