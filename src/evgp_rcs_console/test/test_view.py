@@ -528,16 +528,17 @@ def test_before_the_first_snapshot_there_is_no_sign_of_any_race() -> None:
     assert never.advice != texts.USE_MSR
 
 
-def test_the_end_of_one_of_two_race_controls_is_not_taken_for_the_end_of_the_other() -> None:
+def test_only_the_orderly_end_of_the_one_race_control_is_taken_for_its_end() -> None:
     quiet = replace(RACE, track=replace(RACE.track, allowed=True))
-    for two, next_run, title in (
-        (False, quiet.run, texts.ENDED),
-        (True, quiet.run, texts.GONE),
-        (False, 'another', texts.GONE),
+    for two, next_run, success, title in (
+        (False, quiet.run, True, texts.ENDED),
+        (False, quiet.run, False, texts.GONE),
+        (True, quiet.run, True, texts.GONE),
+        (False, 'another', True, texts.GONE),
     ):
         latest = Latest(began=0.0, looking='here')
         latest.take_race(quiet, 0.0, two)
-        latest.take_event(Event(EventKind.ENDED, 'it ends'))
+        latest.take_event(Event(EventKind.ENDED, 'it ends', success=success))
         latest.take_race(replace(quiet, run=next_run), 5.0, False)
 
         silent = latest.danger(10.0)
