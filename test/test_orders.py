@@ -366,6 +366,11 @@ def faulty(text: str, fault: tuple[str, str]) -> str:
     return text.replace(*fault)
 
 
+def test_every_fault_in_cpp_has_one_place() -> None:
+    for fault in FAULTS_IN_CPP:
+        faulty(IN_CPP, fault)
+
+
 @pytest.mark.long
 @pytest.mark.longest
 @pytest.mark.parametrize('fault', FAULTS_IN_CPP, ids=str)
