@@ -11,6 +11,7 @@ fault in either must show.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import functools
 import pathlib
 import shutil
 import subprocess
@@ -245,13 +246,23 @@ def compile_probe(
 Compile = Callable[..., InCpp]
 
 
+@pytest.fixture(scope='module')
+def program_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], pathlib.Path]:
+    """Return a function that compiles a header's text, each once."""
+
+    @functools.cache
+    def compile_it(text: str, compiler: str) -> pathlib.Path:
+        return compile_probe(tmp_path_factory.mktemp('rules'), text, 'orders_probe.cpp', compiler)
+
+    return compile_it
+
+
 @pytest.fixture
-def compile_rules(tmp_path: pathlib.Path, parts: Any) -> Compile:
+def compile_rules(program_of: Callable[[str, str], pathlib.Path], parts: Any) -> Compile:
     """Return a function that compiles a header's text, and starts the probe."""
 
     def compile_them(text: str, compiler: str = COMPILERS[0]) -> InCpp:
-        program = compile_probe(tmp_path, text, 'orders_probe.cpp', compiler)
-        rules: InCpp = parts.enter_context(InCpp(program))
+        rules: InCpp = parts.enter_context(InCpp(program_of(text, compiler)))
         return rules
 
     return compile_them
