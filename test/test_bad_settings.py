@@ -121,8 +121,11 @@ def test_a_wrong_value_is_named_with_what_is_possible(
         module.read_settings(StrictNode('it', context=context, cli_args=arguments))
 
 
-def test_an_unknown_argument_of_ros_is_refused(refusal: Refusal) -> None:
+def test_an_argument_that_ros_does_not_know_or_cannot_read_is_refused(refusal: Refusal) -> None:
     assert 'unknown ROS arguments' in refusal('--unheard-of')
+    refused = refusal('-p', 'officials:=[Anna, 3]')
+    assert 'Sequence should be of same type' in refused
+    assert '.c:' not in refused  # where in ROS's own code
 
 
 @pytest.mark.parametrize(
@@ -168,10 +171,13 @@ PAUSE = '/**:\n  ros__parameters:\n    pause: 2.0\n'
         (PAUSE.replace('2.0', '2.0\t# s').encode(), ':3'),
         (f'{PAUSE}---\n{PAUSE}'.encode(), ':4'),
         (PAUSE.encode('utf-16'), ''),
+        (b'rcs.yaml\n', ':1'),
+        (b'pause: 2.0\n', ':1'),
+        (PAUSE.replace('ros__', 'ros_').encode(), ':3'),
         (b'\xef\xbb\xbf' + PAUSE.replace('\n', '\r\n').encode(), None),
     ],
 )
-def test_a_parameter_file_that_only_ros_could_read_is_named_in_a_sentence(
+def test_a_parameter_file_that_cannot_be_used_is_named_in_a_sentence(
     tmp_path: pathlib.Path, content: bytes, line: str | None
 ) -> None:
     path = tmp_path / 'rcs.yaml'

@@ -19,15 +19,18 @@ import yaml
 
 
 def unreadable(arguments: Sequence[str]) -> Iterator[str]:
-    """Yield a sentence for each parameter file on a command line that cannot be read."""
+    """Yield a sentence for each fault of a parameter file on a command line that ROS stops at."""
     for path in _files(arguments):
         try:
-            _tree(path)
+            for each in _misplaced(_tree(path)):
+                said = f'{str(each.value)[:40]!r} is not below ros__parameters'
+                yield _said(path, each, f'{said}. Put it there, as in the files in config/')
         except OSError as error:
             yield f'{path}: cannot be read ({error.strerror}). Name a readable file'
         except (yaml.YAMLError, ValueError) as error:  # the parser of ROS accepts more
             mark = getattr(error, 'problem_mark', None)
-            where, what = f':{mark.line + 1}' if mark else '', getattr(error, 'problem', error)
+            where = f':{mark.line + 1}' if mark else ''
+            what: object = getattr(error, 'problem', None) or error
             yield f'{path}{where}: {what}. Write one document in UTF-8, with spaces and no tabs'
 
 
@@ -63,6 +66,16 @@ def _tree(path: str) -> yaml.Node | None:
 
 def _said(path: str, key: yaml.Node, what: str) -> str:
     return f'{path}:{key.start_mark.line + 1}: {what}'
+
+
+def _misplaced(node: yaml.Node | None) -> Iterator[yaml.Node]:
+    """Yield what is neither a parameter nor the name of nodes that have some."""
+    if isinstance(node, yaml.MappingNode):
+        for key, value in node.value:
+            if key.value != 'ros__parameters':
+                yield from _misplaced(value) if isinstance(value, yaml.MappingNode) else [key]
+    elif node is not None:
+        yield node
 
 
 def _twice(node: yaml.Node | None) -> Iterator[tuple[yaml.Node, yaml.Node]]:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 import contextlib
 import gc
 import os
+import re
 import signal
 import socket
 import sys
@@ -161,7 +162,8 @@ def _run(
         return IN_THE_WAY, rclpy.try_shutdown
     except (UnknownROSArgsError, RCLError, GraphError, ParameterError, *refusals) as error:
         unknown = 'unknown ROS arguments: ' if isinstance(error, UnknownROSArgsError) else ''
-        print(f'{name}: {unknown}{error}', file=sys.stderr)
+        said = re.sub(r'\s*, at \S+\.c:\d+', '', str(error))  # where in ROS's own code
+        print(f'{name}: {unknown}{said}', file=sys.stderr)
         return WRONG_SETTING, rclpy.try_shutdown
     except BaseException:  # noqa: BLE001 - as an interpreter does at the end of a program
         traceback.print_exc()
