@@ -210,21 +210,6 @@ def test_a_launch_ends_where_a_setting_of_race_control_is_wrong(
     assert launched.failures == [WRONG_SETTING]
 
 
-def test_a_wrong_setting_of_the_timekeeper_keeps_no_race_control_from_starting(
-    launch: Start, domain: int, tmp_path: pathlib.Path, parts: contextlib.ExitStack
-) -> None:
-    wrong = tmp_path / 'timekeeper.yaml'
-    wrong.write_text('/**:\n  ros__parameters: {min_lap_time: 0.0}\n', encoding='utf-8')
-    given = race_control(tmp_path, domain)
-    launched = launch('evgp_rcs', 'rcs.launch.py', **given, timing_params_file=wrong)
-    official = parts.enter_context(Official(domain))
-    official.wait_for_race(lambda race: race.karts, 'a race')
-    launched.wait_for_line('parameter min_lap_time')
-    official.command('all_kill')
-    assert launched.end() == 0, launched.output
-    assert launched.failures == [WRONG_SETTING]
-
-
 # ----- the bridge -------------------------------------------------------------------------
 
 
