@@ -68,7 +68,6 @@ def test_what_the_officials_network_loses_of_a_stop_is_sent_again_at_once(
             assert time.monotonic() < until
 
 
-@pytest.mark.own_process
 def test_a_large_race_leaves_room_for_an_answer_in_every_socket_of_the_graph() -> None:
     allowed = int(pathlib.Path('/proc/sys/net/core/rmem_max').read_text(encoding='ascii'))
     asked = min(graph.RECEIVE_BUFFER_BYTES, allowed)
