@@ -117,6 +117,7 @@ class KartLink:
         self._unread = b''
         # Each piece, and times before and after it was sent.
         self._sent: list[tuple[bytes, float, float]] = []
+        self._sending = threading.Lock()
         if witness is not None:
             witness.links.append(self)
 
@@ -185,11 +186,12 @@ class KartLink:
         :raises OSError: if not all of them could be sent, for example on a full non-blocking
             socket.
         """
-        while data:
-            before = time.monotonic()
-            sent = self.socket.send(data)
-            self._sent.append((data[:sent], before, time.monotonic()))
-            data = data[sent:]
+        with self._sending:  # otherwise two threads might note their pieces in another order
+            while data:
+                before = time.monotonic()
+                sent = self.socket.send(data)
+                self._sent.append((data[:sent], before, time.monotonic()))
+                data = data[sent:]
 
     def half_close(self) -> None:
         """Close the sending half of the connection, and continue to listen."""
