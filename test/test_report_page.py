@@ -103,22 +103,16 @@ def text_of(browser: Browser, selector: str) -> str:
     return str(browser.evaluate(f'document.querySelector("{selector}").innerText'))
 
 
-def test_a_page_complains_of_nothing_and_asks_the_network_for_nothing(
+def test_a_page_fits_a_telephone_and_neither_complains_nor_asks_the_network_for_anything(
     browser: Browser, make_report: MakeReport
 ) -> None:
     page = make_report(incident())
+    browser.resize(400, 800, mobile=True)
     browser.visit(page)
     assert HOSTILE in text_of(browser, 'main')
+    assert browser.evaluate('document.documentElement.scrollWidth') == 400
     assert browser.complaints == []
     assert browser.requested == [page.as_uri()]
-
-
-def test_on_a_telephone_only_wide_tables_scroll_sideways(
-    browser: Browser, make_report: MakeReport
-) -> None:
-    browser.resize(400, 800, mobile=True)
-    browser.visit(make_report(incident()))
-    assert browser.evaluate('document.documentElement.scrollWidth') == 400
 
 
 def test_the_laps_of_twenty_karts_fit_a_telephone_and_a_sheet(
