@@ -33,11 +33,11 @@ from hypothesis import strategies as st
 import pytest
 from rig.values import any_of, ANYTHING, Simple
 
-# An event is made by us; a setup has a roster and parameters, which are read before.
+# An event is made by us; the names in a setup and an attendance are checked before.
 SOUND: Simple = {**ANYTHING, str: st.text(max_size=50), int: st.integers(1, 2**32 - 2)}
 FLAGS = st.booleans()
 
-OF_OURS = (StampedEvent, inputs.Rules)
+OF_OURS = (StampedEvent, inputs.Rules, inputs.Attended)
 ENTRIES = st.one_of(
     [any_of(each, SOUND if each in OF_OURS else ANYTHING) for each in get_args(inputs.Entry)]
 )

@@ -23,7 +23,8 @@ from evgp_rcs.rcs_record import WAYS
 from evgp_rcs.record.runs import DONE, FAILED, PARTLY, UNREADABLE
 from evgp_rcs.record.store import default_path, Record, rules_version
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.inputs import Batch, decode, encode, Rules
+from evgp_rcs.rules.inputs import Attended, Batch, decode, encode, Rules, Shown
+from evgp_rcs.rules.race import Attendance
 import pytest
 from recorded_races import change_event, PaperRace
 from rig.disks import Harm, in_database
@@ -326,6 +327,16 @@ def test_whatever_stands_in_a_setup_each_subcommand_ends_with_a_sentence(
         for way in WAYS:
             path.with_name('race.mcap').unlink(missing_ok=True)
             assert rcs_record(arguments_of(way, path)) in (DONE, FAILED, UNREADABLE, PARTLY)
+
+
+@pytest.mark.parametrize('way', ['replay', MCAP])
+def test_a_name_that_no_message_can_hold_is_damage(way: str, path: pathlib.Path) -> None:
+    paper = PaperRace({7: 'Purdue'})
+    paper.connect(7)
+    paper.feed(Attended(paper.now, Attendance(1, '\ud800')))
+    paper.log.add(Shown(paper.now))
+    paper.write(path)
+    assert rcs_record(arguments_of(way, path)) != DONE
 
 
 # ----- a record that is being written, a crash, a clock that was set --------------------------

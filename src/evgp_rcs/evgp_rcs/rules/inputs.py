@@ -276,7 +276,7 @@ def _check(entry: Entry) -> None:
     """
     Refuse numbers and texts that a ROS message cannot hold.
 
-    :raises ValueError: if an event or a setup contains one.
+    :raises ValueError: if an event, a setup or an attendance contains one.
     """
     texts: list[str] = []
     numbers: list[int] = []
@@ -284,6 +284,9 @@ def _check(entry: Entry) -> None:
         event = entry.event
         texts = [event.text, event.official, event.heat]
         numbers = [event.kart, event.place, event.race]
+    elif isinstance(entry, Attended):
+        texts = [entry.there.who, entry.there.button_fault]
+        numbers = [entry.there.able]
     elif isinstance(entry, Rules):
         karts, heats = entry.setup.karts, entry.setup.heats
         texts = [heat.name for heat in heats]
