@@ -508,11 +508,18 @@ LAPS = Standings(
 )
 
 
-def test_a_race_has_the_results_of_the_timekeeper_its_lap_times_and_its_lap_chart(
+def test_report_and_table_have_what_the_timekeeper_says_of_a_race_but_no_laps_by_hand(
     paper: PaperRace, tmp_path: pathlib.Path
 ) -> None:
     drive_and_stop(paper)
-    page = report(timed(paper.write(tmp_path / 'record.sqlite3'), Standings(race=1), LAPS))
+    asked = (
+        Correction(Act.PENALISE, 'Grace', 8, seconds=5, reason='it cut the corner'),
+        Correction(Act.COUNT, 'Ben', 8),
+        Correction(Act.STRIKE, 'Ben', passing=Identity('line', 'today', 2), reason='it was 8'),
+    )
+    given = [Corrected(paper.now, each, race=race) for each in asked for race in (1, 2)]
+    record = paper.write(tmp_path / 'record.sqlite3')
+    page = report(timed(record, Standings(race=1), LAPS, *given))
     assert 'no difference' in page
     assert table(page, 'order results') == [
         ['1.', 'Kart 8 (Michigan)', '2', '28.000 s', '12.000 s', '', 'classified'],
@@ -538,13 +545,11 @@ def test_a_race_has_the_results_of_the_timekeeper_its_lap_times_and_its_lap_char
         ['not known', 'line 10, transponder 4711', 'unknown'],
         ['Kart 9 (Kennesaw)', 'line 2', 'struck out: it was 8, by Grace'],
     ]
-
-
-def test_a_disqualified_winner_has_no_place_in_the_table_either(
-    paper: PaperRace, tmp_path: pathlib.Path
-) -> None:
-    drive_and_stop(paper)
-    record = timed(paper.write(tmp_path / 'record.sqlite3'), LAPS)
+    when = Clock(paper.stamped[0].wall_ns).time(paper.stamped[-1].wall_ns, 1)
+    assert table(page, 'of_timing') == [
+        [when, 'Grace', 'penalise a kart, kart 8, +5 s: it cut the corner'],
+        [when, 'Ben', 'strike a passing out, passing line 2: it was 8'],
+    ]
     rows = {row['kart']: row for row in rows_of(record)}
     found = {kart: (row['place'], row['finish'], row['result']) for kart, row in rows.items()}
     assert found == {
@@ -553,24 +558,6 @@ def test_a_disqualified_winner_has_no_place_in_the_table_either(
         '9': ('', '', 'RACE_STOPPED'),
     }
     assert rows['7']['penalties'] == 'disqualified: it was pushed (Grace)'
-
-
-def test_a_race_has_the_corrections_of_the_timekeeper_but_no_laps_by_hand(
-    paper: PaperRace, tmp_path: pathlib.Path
-) -> None:
-    drive_and_stop(paper)
-    asked = (
-        Correction(Act.PENALISE, 'Grace', 8, seconds=5, reason='it cut the corner'),
-        Correction(Act.COUNT, 'Ben', 8),
-        Correction(Act.STRIKE, 'Ben', passing=Identity('line', 'today', 2), reason='it was 8'),
-    )
-    given = [Corrected(paper.now, each, race=race) for each in asked for race in (1, 2)]
-    page = report(timed(paper.write(tmp_path / 'record.sqlite3'), LAPS, *given))
-    when = Clock(paper.stamped[0].wall_ns).time(paper.stamped[-1].wall_ns, 1)
-    assert [*table(page, 'of_timing')] == [
-        [when, 'Grace', 'penalise a kart, kart 8, +5 s: it cut the corner'],
-        [when, 'Ben', 'strike a passing out, passing line 2: it was 8'],
-    ]
 
 
 def test_a_race_with_more_passings_than_its_results_have_says_so(
