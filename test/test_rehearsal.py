@@ -253,16 +253,10 @@ def test_each_incident_happens_with_the_real_race_control_and_is_debriefed(
 
 
 def test_a_debrief_that_cannot_be_written_is_refused_before_anybody_rehearses() -> None:
-    command = [
-        sys.executable,
-        '-m',
-        'evgp_rehearsal.rehearse',
-        '--debrief',
-        '/nowhere/debrief.txt',
-    ]
+    command = [sys.executable, '-m', 'evgp_rehearsal.rehearse', '--debrief', '/nowhere/it.txt']
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 2
-    assert '/nowhere/debrief.txt' in done.stderr.splitlines()[-1]
+    assert '/nowhere/it.txt' in done.stderr.splitlines()[-1]
 
 
 def test_a_window_that_cannot_open_says_why_in_the_rehearsals_terminal() -> None:
