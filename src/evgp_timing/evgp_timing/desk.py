@@ -39,7 +39,7 @@ from evgp_node.results import (
     Standings,
 )
 from evgp_node.roster import Format, Heat
-from evgp_timing.laps import Crossing, Laps, LapSettings, overall
+from evgp_timing.laps import Laps, LapSettings, overall
 
 MOST_SEEN = 100_000
 """Maximum number of passings that the desk remembers to recognise repeats."""
@@ -278,8 +278,10 @@ class Desk:
         """Record a FINISH. If only one lap is missing, FINISH counts as the last crossing."""
         laps = race.laps
         lacks_one = laps.wanted and len(laps.counted.get(kart, ())) == laps.wanted
-        if lacks_one and self._count(race, kart, at):
-            race.by_finish[kart] = race.laps.crossings[-1].passing.identity
+        if lacks_one:
+            press = self._count(race, kart, at)
+            if race.laps.mark_of(press) is not None:
+                race.by_finish[kart] = press
         race.laps = race.laps.finish(kart, at)
 
     def _undo_finish(self, race: Race, kart: int) -> None:
@@ -299,15 +301,15 @@ class Desk:
         if self.races:
             race = self.races[-1]
             terms = given.at, given.dropped, given.away
-            race.laps, _ = race.laps.take(fresh.values(), *terms)
+            race.laps = race.laps.take(fresh.values(), *terms)
 
     @staticmethod
-    def _count(race: Race, kart: int, at: float) -> Crossing | None:
-        """Take an official's passing; return its crossing, or None if too many arrive."""
+    def _count(race: Race, kart: int, at: float) -> Identity:
+        """Take an official's passing, unless too many arrive, and return its identity."""
         number = 1 + sum(each.passing.source == BY_HAND for each in race.laps.crossings)
         press = Passing(BY_HAND, f'{race.run} {race.number}', number, kart)
-        race.laps, taken = race.laps.take([press], at)
-        return taken[0] if taken else None
+        race.laps = race.laps.take([press], at)
+        return press.identity
 
     def finishes(self) -> Iterator[Finish]:
         """Yield a FINISH for each kart of the newest race that has all its laps but no FINISH."""
@@ -364,7 +366,7 @@ class Desk:
         """Return why the desk refuses a correction of a race, or an empty string."""
         act = asked.act
         if act in (Act.STRIKE, Act.RESTORE):
-            if not laps.knows(asked.passing):
+            if laps.mark_of(asked.passing) is None:
                 return f'this race has no passing {asked.passing}'
             if (asked.passing in laps.struck) is (act is Act.STRIKE):
                 return (
@@ -392,10 +394,11 @@ class Desk:
         published: tuple[KartResult, ...] = ()  # those published before are out of date
         match asked.act:
             case Act.COUNT:
-                seen = self._count(race, kart, now)
-                if seen is None:
+                press = self._count(race, kart, now)
+                mark = race.laps.mark_of(press)
+                if mark is None:
                     return Answer(False, 'too many passings are arriving')
-                text = f'kart {kart} crossed the line: {seen.mark.value}'
+                text = f'kart {kart} crossed the line: {mark.value}'
             case Act.STRIKE:
                 race.laps = laps.strike(asked.passing, f'{asked.reason} ({asked.official})')
                 text = f'passing {asked.passing} is struck out'

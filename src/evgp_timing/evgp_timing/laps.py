@@ -149,9 +149,9 @@ class Laps:
 
     def take(
         self, passings: Iterable[Passing], now: float, dropped: int = 0, away: float = 0.0
-    ) -> tuple[Laps, list[Crossing]]:
+    ) -> Laps:
         """
-        Add passings that arrive now, and return the new laps and the judged crossings.
+        Add passings that arrive now, and return the new laps.
 
         :param passings: the passings, none of which has arrived before.
         :param now: the time, in seconds on the rules' clock.
@@ -200,10 +200,10 @@ class Laps:
         laps = dataclasses.replace(
             self, over=over, anchors=anchors, clocks=frozenset(clocks), arrivals=arrivals
         )
-        laps, taken = laps._judge(crossings)
-        for place, each in enumerate(taken):
-            laps, taken[place] = laps._pair(each)
-        return laps, taken
+        laps, known = laps._judge(crossings), len(self.crossings)
+        for each in laps.crossings[known:]:
+            laps = laps._pair(each)
+        return laps
 
     def _shows_jump(self, one: Crossing, later: Crossing) -> bool:
         """
@@ -219,20 +219,15 @@ class Laps:
         in_step = since > tolerance and abs(later.at - one.at - since) <= tolerance
         return one.at >= 0.0 or in_step
 
-    def _pair(self, new: Crossing) -> tuple[Laps, Crossing]:
-        """
-        Let officials' passings claim a crossing, if it or one of them is new.
-
-        Return the new laps, and the crossing that counts by that or else the new one.
-        """
+    def _pair(self, new: Crossing) -> Laps:
+        """Let officials' passings claim a crossing, if it or one of them is new."""
         for seen, presses in self._pairs(new):
             identity = seen.passing.identity
             claims = {each.passing.identity: (each.kart, identity) for each in presses}
             laps = self.again(claims={**self.claims, **claims})
-            counted = next(each for each in laps.crossings if each.passing == seen.passing)
-            if counted.mark is Mark.COUNTED:
-                return laps, counted
-        return self, new
+            if laps.mark_of(identity) is Mark.COUNTED:
+                return laps
+        return self
 
     def _pairs(self, new: Crossing) -> Iterator[tuple[Crossing, list[Crossing]]]:
         """Yield each crossing that officials' passings may claim by the new one, with those."""
@@ -253,18 +248,17 @@ class Laps:
                 if new.kart in (0, kart):  # two officials may have pressed
                     yield new, [each for each in near if each.kart == kart]
 
-    def _judge(self, crossings: Sequence[Crossing]) -> tuple[Laps, list[Crossing]]:
+    def _judge(self, crossings: Sequence[Crossing]) -> Laps:
         """Judge more crossings, in the order in which they arrived, and add them."""
         counted = dict(self.counted)
-        judged = []
+        judged = [*self.crossings]
         for crossing in crossings:
             kart = self.kart_of(crossing.passing)
             mark = self._mark(crossing, kart, counted.get(kart, ()))
             if mark is Mark.COUNTED:
                 counted[kart] = (*counted.get(kart, ()), crossing.at)
             judged.append(crossing._replace(kart=kart, mark=mark))
-        together = (*self.crossings, *judged)
-        return dataclasses.replace(self, crossings=together, counted=counted), judged
+        return dataclasses.replace(self, crossings=tuple(judged), counted=counted)
 
     def _mark(self, crossing: Crossing, kart: int, times: tuple[float, ...]) -> Mark:
         identity = crossing.passing.identity
@@ -306,7 +300,7 @@ class Laps:
         ends = self.settings.first_crossing == 'ends'
         begun = dict.fromkeys(changed.karts, (0.0,) * ends)
         fresh = dataclasses.replace(changed, counted=begun, crossings=())
-        return fresh._judge(self.crossings)[0]
+        return fresh._judge(self.crossings)
 
     def strike(self, identity: Identity, why: str) -> Laps:
         """Strike out a passing for this reason."""
@@ -345,9 +339,12 @@ class Laps:
 
     # ----- results ------------------------------------------------------------------------
 
-    def knows(self, identity: Identity) -> bool:
-        """Return whether this race contains the passing."""
-        return any(each.passing.identity == identity for each in self.crossings)
+    def mark_of(self, identity: Identity) -> Mark | None:
+        """Return the mark of a passing, or of the crossing that it claims; None without it."""
+        if self._claims_now(identity):
+            _, identity = self.claims[identity]
+        marks = (each.mark for each in self.crossings if each.passing.identity == identity)
+        return next(marks, None)
 
     def is_done(self, kart: int) -> bool:
         """Return whether a kart has completed all its laps."""

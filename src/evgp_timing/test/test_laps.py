@@ -45,13 +45,13 @@ class Story:
         number = len(self.told) + 1
         each = Passing(source, 'today', number, kart, transponder, stamp_ns=stamp)
         self.told.append((self.now, each))
-        self.laps, _ = self.laps.take([each], GREEN + self.now)
+        self.laps = self.laps.take([each], GREEN + self.now)
 
     def press(self, kart: int) -> None:
         """Have an official count a passing, which may claim for the kart what a beam saw."""
         number = len(self.told) + 1
         each = Passing(BY_HAND, str(number), number, kart)
-        self.laps, _ = self.laps.take([each], GREEN + self.now)
+        self.laps = self.laps.take([each], GREEN + self.now)
         self.told.append((self.now, each))
 
 
@@ -145,7 +145,7 @@ def test_a_clock_that_agrees_gives_the_lap_times_to_the_nanosecond_whatever_it_s
     crossed = list(itertools.accumulate(steps))
     for number, (at, delay) in enumerate(zip(crossed, delays, strict=False), 1):
         stamp = 2 * 10**18 + offset * 10**9 + round(at * 1e9)
-        laps, _ = laps.take([Passing('line', 's', number, 1, '', stamp)], GREEN + at + delay)
+        laps = laps.take([Passing('line', 's', number, 1, '', stamp)], GREEN + at + delay)
 
     (result,) = (each for each in laps.results if each.kart == 1)
     assert result.lap_times == pytest.approx(steps[1:], abs=1e-6)
@@ -227,7 +227,7 @@ def test_a_transponder_that_is_given_later_counts_as_if_the_kart_had_it_from_the
     early = dataclasses.replace(late, crossings=(), anchors={})
     early = dataclasses.replace(early.again(), clocks=frozenset())
     for at, passing in story.told:
-        early, _ = early.take([passing], GREEN + at)
+        early = early.take([passing], GREEN + at)
     for (at, passing), crossing in zip(story.told, story.laps.crossings, strict=True):
         assert crossing.came == pytest.approx(at)
         assert owner(passing, {**TRANSPONDERS, 't9': kart}) == late.kart_of(passing)
@@ -276,9 +276,10 @@ def test_somebody_who_crosses_is_the_only_kart_of_the_race() -> None:
     alone = dataclasses.replace(race(), karts=(2,)).again()
     beam = Passing('beam', 's', 1)
 
-    (taken,) = alone.take([beam], GREEN + 10.0)[1]
+    (taken,) = alone.take([beam], GREEN + 10.0).crossings
     assert (taken.kart, taken.mark) == (2, Mark.COUNTED)
-    laps, (taken,) = race().take([beam], GREEN + 10.0)
+    laps = race().take([beam], GREEN + 10.0)
+    (taken,) = laps.crossings
     assert (taken.kart, taken.mark) == (0, Mark.UNKNOWN)
     assert laps.trouble(GREEN + 20.0)
 
@@ -399,10 +400,10 @@ def test_nobody_asks_who_crossed_while_an_official_may_still_press() -> None:
 
 def test_with_the_first_crossing_ending_lap_1_its_time_is_from_green() -> None:
     laps = race(first_crossing='ends')
-    laps, _ = laps.take([Passing('line', 's', 1, 1)], GREEN + 12.0)
+    laps = laps.take([Passing('line', 's', 1, 1)], GREEN + 12.0)
     assert laps.result(1).lap_times == pytest.approx((12.0,))
-    _, (early,) = race(first_crossing='ends').take([Passing('line', 's', 1, 1)], GREEN + 2.0)
-    assert early.mark is Mark.DOUBTFUL
+    early = race(first_crossing='ends').take([Passing('line', 's', 1, 1)], GREEN + 2.0)
+    assert [each.mark for each in early.crossings] == [Mark.DOUBTFUL]
 
 
 # ----- bounds -------------------------------------------------------------------------------
@@ -410,13 +411,13 @@ def test_with_the_first_crossing_ending_lap_1_its_time_is_from_green() -> None:
 
 def test_what_is_too_many_in_a_second_is_counted_told_and_not_kept() -> None:
     flood = [Passing('line', 's', number, 1) for number in range(1, 1001)]
-    laps, taken = race().take(flood, GREEN + 1.0)
-    laps, more = laps.take([Passing('line', 's', 2000, 2)], GREEN + 2.0)
+    flooded = race().take(flood, GREEN + 1.0)
+    laps = flooded.take([Passing('line', 's', 2000, 2)], GREEN + 2.0)
 
-    assert len(taken) == MAX_RATE
+    assert len(flooded.crossings) == MAX_RATE
     assert laps.over == {'line': 1000 - MAX_RATE}
     assert str(1000 - MAX_RATE) in laps.trouble(GREEN)
-    assert [each.mark for each in more] == [Mark.COUNTED]
+    assert laps.crossings[-1].mark is Mark.COUNTED
 
 
 def test_what_is_too_many_in_a_race_is_counted_and_another_source_is_heard() -> None:
@@ -424,22 +425,23 @@ def test_what_is_too_many_in_a_race_is_counted_and_another_source_is_heard() -> 
     for second in range(MOST_A_RACE // MAX_RATE + 1):
         numbers = range(second * MAX_RATE, (second + 1) * MAX_RATE)
         flood = [Passing('line', 's', number, 9) for number in numbers]
-        laps, _ = laps.take(flood, GREEN + second + 1.0)
-    laps, taken = laps.take([Passing('beam', 's', 1, 1)], GREEN + 2000.0)
+        laps = laps.take(flood, GREEN + second + 1.0)
+    laps = laps.take([Passing('beam', 's', 1, 1)], GREEN + 2000.0)
 
     assert laps.over == {'line': MAX_RATE}
-    assert [each.mark for each in taken] == [Mark.COUNTED]
+    assert laps.crossings[-1].passing.source == 'beam'
+    assert laps.crossings[-1].mark is Mark.COUNTED
 
 
 def test_further_sources_than_a_race_can_have_are_told_and_officials_still_count() -> None:
     many = [Passing(f'source {number}', 's', 1, 1) for number in range(MOST_SOURCES + 3)]
-    laps, taken = race().take(many, GREEN + 1.0)
+    press = Passing(BY_HAND, '1', 1, 2)
+    laps = race().take(many, GREEN + 1.0)
 
-    assert len(taken) == MOST_SOURCES
+    assert len(laps.crossings) == MOST_SOURCES
     assert sum(laps.over.values()) == 3
     assert laps.trouble(GREEN + 20.0)
-    _, counted = laps.take([Passing(BY_HAND, '1', 1, 2)], GREEN + 10.0)
-    assert [each.mark for each in counted] == [Mark.COUNTED]
+    assert laps.take([press], GREEN + 10.0).mark_of(press.identity) is Mark.COUNTED
 
 
 # ----- results ------------------------------------------------------------------------------
