@@ -796,14 +796,12 @@ def _humans(race: Snapshot, danger: Danger | None) -> tuple[Cell, str]:
     if against or under_way or not race.track.allowed:
         told = bool(race.msr_alerts)
         doubtful = any(kart.in_doubt and not kart.is_stopping for kart in race.karts)
-        reason = '' if race.track.allowed else race.track.reason
+        reason = against if race.track.allowed else race.track.reason
         if under_way:
             reasons = (against, under_way) if told else (under_way, against)
             reason = '; '.join(filter(None, reasons))
-        reason = reason or against
         if is_open:
-            reason = f'humans could be on the track: {reason}'
-            return Cell(texts.CLEAR_TRACK, Tone.BAD), reason
+            return Cell(texts.CLEAR_TRACK, Tone.BAD), f'humans could be on the track: {reason}'
         unstated = race.track.settled_by is CommandKind.OPEN_TRACK
         if unstated and not (told or against or under_way):
             return Cell(texts.TRACK_CLOSED), reason
@@ -814,17 +812,14 @@ def _humans(race: Snapshot, danger: Danger | None) -> tuple[Cell, str]:
         return unknown, texts.HUMANS_UNKNOWN_REASON
     karts = texts.in_doubt(race)
     if karts:
-        off = f'{karts} {"are" if "," in karts else "is"} switched off'
-        reason = (
-            f'{race.track.reason}. Only the MSR can stop {karts}. Leave the MSR on until {off}'
-        )
         by_msr = texts.TRACK_OPEN_MSR if is_open else texts.TRACK_CLOSED_MSR
-        return Cell(by_msr, Tone.WAIT), reason
+        until = f'{karts} {"are" if "," in karts else "is"} switched off'
+        only = f'Only the MSR can stop {karts}. Leave the MSR on until {until}'
+        return Cell(by_msr, Tone.WAIT), f'{race.track.reason}. {only}'
     if is_open:
         return Cell(texts.TRACK_OPEN, Tone.GOOD), race.track.reason
-    return Cell(
-        texts.TRACK_CLOSED
-    ), f'nobody may go onto the track until you open it: {race.track.reason}'
+    closed = f'nobody may go onto the track until you open it: {race.track.reason}'
+    return Cell(texts.TRACK_CLOSED), closed
 
 
 SAYS_NO_MORE = 5.0
