@@ -26,8 +26,9 @@ from typing import Any, NamedTuple
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED
-from evgp_rcs.rules.race import Attendance
+from evgp_rcs.rules.race import Attendance, Command
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -890,11 +891,11 @@ def _link(given: Input) -> LinkQuality:
     return NOT_MEASURED._replace(grade=grade, worst_answer=0.0)
 
 
-def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
+def give(race: Any, given: Input, now: float) -> Any:
     """Give an input to the rules, and return the outcome."""
     if given.what == 'command':
-        command = rules.Command(
-            rules.CommandKind[given.kind],
+        command = Command(
+            CommandKind[given.kind],
             given.kart,
             given.statement,
             given.karts,
@@ -1359,11 +1360,11 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
 
 
 def check_announced(
-    rules: ModuleType, race: Any, view: View, facts: Facts, kind: str, number: int, now: float
+    race: Any, view: View, facts: Facts, kind: str, number: int, now: float
 ) -> Judgement:
     """Check the announced availability of a command against the oracle's judgement."""
     opinion = judge(view, facts, kind, number)
-    told = race.availability(rules.CommandKind[kind], number, now)
+    told = race.availability(CommandKind[kind], number, now)
     paused = opinion.allowed and is_paused(view, kind, now)
     if paused:
         opinion = opinion._replace(allowed=False)
@@ -1529,11 +1530,11 @@ class Search:
             )
             for number in range(1, self.racing + self.outside + 1)
         ]
-        numbers = [kart.number for kart in karts]
+        self.numbers = [kart.number for kart in karts]
         of_roster = [
             rules.Heat(f'heat {chosen}', chosen)
-            for size in range(1, len(numbers) + 1)
-            for chosen in itertools.combinations(numbers, size)
+            for size in range(1, len(karts) + 1)
+            for chosen in itertools.combinations(self.numbers, size)
         ]
         self.race = rules.Race(karts, self.times, heats=of_roster, run=RUN)
         self.commands = [(kind, 0) for kind in RACE_COMMANDS if kind not in self.without]
@@ -1541,7 +1542,6 @@ class Search:
             if kind not in self.without:
                 self.commands.extend((kind, kart.number) for kart in karts)
         self.scratch = Scratch(self.race)
-        self.numbers = [kart.number for kart in karts]
         self._names: dict[tuple[Any, ...], int] = {}
         self.report = Report()
         self._met = 0
@@ -1685,7 +1685,7 @@ class Search:
         :return: whether it was accepted, or is no command; what is remembered and seen then.
         """
         race = self.race
-        outcome = give(self.rules, race, given, now)
+        outcome = give(race, given, now)
         after = look(race)
         facts = check_input(race, view, facts, given, outcome, after, now)
         accepted = outcome.answer is None or outcome.answer.success
@@ -1738,7 +1738,7 @@ class Search:
                 # It changed nothing but what was reported and told; nor, unseen, the last button
                 # or what counts as saved.
                 if given.what in ('command', 'saved'):
-                    check_announced(self.rules, race, after, facts, 'GREEN_GREEN', 0, now)
+                    check_announced(race, after, facts, 'GREEN_GREEN', 0, now)
                 scratch.load(saved)
                 continue
             check_state(race, after, learned, after_time)
@@ -1761,7 +1761,7 @@ class Search:
     def _inputs(self, view: View, facts: Facts, now: float) -> Any:
         """Yield every input with its time; the rules are in the state of ``view`` meanwhile."""
         for kind, number in self.commands:
-            opinion = check_announced(self.rules, self.race, view, facts, kind, number, now)
+            opinion = check_announced(self.race, view, facts, kind, number, now)
             if kind in ('READ_ROSTER', 'TAKE_ROSTER'):
                 continue
             if kind == 'SET_HEAT':
@@ -1821,7 +1821,7 @@ class Search:
 
     def _command(self, kind: str, now: float, number: int = 0) -> Any:
         given = as_seen(look(self.race), Input('command', kind, number, True))
-        return give(self.rules, self.race, given, now)
+        return give(self.race, given, now)
 
     def _check_homeward(self, saved: Any, now: float) -> None:
         """Bring the race home with karts that answer, with karts that never do, and by the MSR."""
@@ -1854,7 +1854,7 @@ class Search:
             if kart.in_race is (kart.number in barred):
                 self._command('LEAVE_RACE' if kart.in_race else 'JOIN_RACE', later, kart.number)
         self._command('CLOSE_TRACK', later)
-        give(self.rules, race, Input('there', statement=True), later)
+        give(race, Input('there', statement=True), later)
         if not self._command('GRID_ACTIVE', later + 10.0).answer.success:
             raise RuleBrokenError('stuck', f'no new race: {look(race)}')
         begin()

@@ -40,7 +40,6 @@ from evgp_rcs.rules.race import (
     StampedEvent,
 )
 
-PATIENCE = 60.0
 BEGAN = 1_780_135_500_000_000_000
 """When each of these runs begins, ns since the epoch: an afternoon in May 2026."""
 
@@ -200,8 +199,7 @@ class PaperRace:
         """Return what a record has of it, up to now."""
         self.batches.append(self.log.take())
         first = Began('1234', PROGRAM, BEGAN), Rules(rules_version(), self.setup)
-        logged = (entry for batch in self.batches for entry in batch.entries)
-        return [*first, *(entry for entry in logged if entry is not None)]
+        return [*first, *(entry for batch in self.batches for entry in batch.entries)]
 
     def account(self) -> Account:
         """Return what there is to say of it, up to now."""

@@ -95,10 +95,8 @@ class Races(RuleBasedStateMachine):
         if not blind:
             given = oracle.as_seen(before, given)
         if given.what == 'command':
-            oracle.check_announced(
-                rules, self.race, before, self.facts, given.kind, given.kart, self.now
-            )
-        outcome = oracle.give(rules, self.race, given, self.now)
+            oracle.check_announced(self.race, before, self.facts, given.kind, given.kart, self.now)
+        outcome = oracle.give(self.race, given, self.now)
         after = oracle.look(self.race)
         self.facts = oracle.check_input(
             self.race, before, self.facts, given, outcome, after, self.now
@@ -187,6 +185,7 @@ class Races(RuleBasedStateMachine):
     def bring_a_race_under_way(
         self, joining: set[int], stop_short: int, between: str, kart: int, saved: str | None
     ) -> None:
+        self.give(oracle.Input('cut off'))
         self.give(oracle.Input('rival', statement=False))
         self.give(oracle.Input('record', statement=False))
         for number, each in self.race.karts.items():
@@ -291,9 +290,9 @@ class Races(RuleBasedStateMachine):
             self.facts = oracle.recall(view, heat if known else '')
         oracle.check_state(self.race, view, self.facts, self.now)
 
-    @rule()
-    def race_control_is_cut_off(self) -> None:
-        self.give(oracle.Input('cut off'))
+    @rule(cut=st.sampled_from((False, False, True)))
+    def race_control_is_cut_off_or_connected_again(self, cut: bool) -> None:
+        self.give(oracle.Input('cut off', statement=cut))
 
     @rule(kart=KARTS, contested=st.sampled_from((False, False, True)))
     def two_programs_connect_as_a_kart(self, kart: int, contested: bool) -> None:
