@@ -973,7 +973,9 @@ def check_input(
         if answer.success is bool(broken):
             raise RuleBrokenError(broken or 'availability', f'{given} in {before}: {answer}')
         if not answer.success:
-            paused = (after if kind in STOPS else before).paused_until
+            paused = before.paused_until
+            if kind in STOPS:
+                paused = max(paused, now + race.times.pause)
             if after != before._replace(paused_until=paused) or outcome.orders:
                 raise RuleBrokenError('refused-changes', f'{given}: {before} became {after}')
             _check_refusal(race, before, given, opinion, answer.message, broken == 'pause')

@@ -300,6 +300,8 @@ a failing record raises no alert: alerts _current_alerts: record_fails #1 => it 
 a release is taken right behind a stop: effect, pause, available-from command: skips _pause
 a stop to one kart lets a release through: effect, pause, available-from command: stop entry => it
     and (not command.kart)
+a stop that is refused for want of its statement begins no pause: refused-changes [waits] command:
+    stop entry => it and (command.statement or kind is not CommandKind.RECORD_MSR)
 a release that came before a stop is taken when the pause is over: pause _refusal_of: availability
     came => self.availability(kind, command.kart, max(came, self.paused_until))
 a pause refuses what came after its end: availability, available-from availability: now
