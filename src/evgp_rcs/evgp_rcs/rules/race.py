@@ -388,8 +388,8 @@ class Kart:
     :param lost: whether it lost its connection in a race under way or while it was in doubt. If it
         may have been moving, this remains true until the doubt ends.
     :param held_alone: whether an official has held this kart individually and not released it.
-    :param ordered_at: time of its current order. No rule depends on it, on ``delivered_after``,
-        on ``acknowledged_after`` or on ``link``, which are for officials.
+    :param ordered_at: time of its current order. Like ``delivered_after``, ``acknowledged_after``
+        and ``link``, it is for officials: nothing but alerts and texts depends on it.
     :param contested: whether two programs are connecting as this kart, each displacing the other.
     :param went_silent_at: when it last lost its connection because its link stopped answering;
         None if it has a connection, or lost it in another way.
