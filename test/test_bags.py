@@ -87,10 +87,12 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
         (meanwhile,) = replay_without_difference(record)
         race.bring_to(RaceState.RED_RED)
         latched = latched_by(race.official)
+        published = race.official.wait_for_race(lambda race: True, 'the race')
         assert race.control.close() == 0
     (replayed,) = replay_without_difference(record)
     assert replayed.inputs > meanwhile.inputs
     assert replayed.orders >= 4  # as the kart connects, and one to each state
+    assert replayed.kept.run.id == published.run  # by which a report finds the results
     return Recorded(record, latched)
 
 

@@ -13,6 +13,7 @@ import itertools
 import pathlib
 import random
 import re
+import secrets
 import sqlite3
 from typing import Any, cast
 
@@ -187,7 +188,7 @@ class PaperRace:
     def write(self, path: pathlib.Path, version: str = '') -> pathlib.Path:
         """Write what happened as a run into a record."""
         self.batches.append(self.log.take())
-        record = Record(path)
+        record = Record(path, secrets.token_hex(8))
         record.put(Batch(0, [Rules(version or rules_version(), self.setup)]))
         for batch in (each for each in self.batches if each.entries):
             record.put(batch)

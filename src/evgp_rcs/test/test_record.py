@@ -87,9 +87,7 @@ def texts(path: pathlib.Path, run: int) -> list[str]:
     return [each.event.text for each in events_of(path, run)]
 
 
-def test_a_run_has_an_id_of_its_own_and_a_stream_of_another_program_is_none(
-    begin: Begin, path: pathlib.Path
-) -> None:
+def test_a_stream_of_another_program_is_no_run(begin: Begin, path: pathlib.Path) -> None:
     record = begin()
     have_written(record, HOME)
     record.end()
@@ -100,8 +98,6 @@ def test_a_run_has_an_id_of_its_own_and_a_stream_of_another_program_is_none(
     with contextlib.closing(open_for_reading(path)) as database:
         oldest, newest = sessions(database)
     assert (newest.number, oldest.number) == (3, 1)
-    assert newest.id != oldest.id
-    assert len(newest.id) == len(oldest.id) == 16
 
 
 def test_a_run_finds_what_was_saved_last_even_if_a_start_was_cut_off_since(begin: Begin) -> None:

@@ -84,7 +84,7 @@ class Begin:
     :param cannot_know: why the ROS half cannot rule out another race control at the same address,
         as a phrase; empty if it can. Otherwise, race control rejects any proof that the last
         run ended normally.
-    :param run: id of this run. If it is empty, the record makes one up.
+    :param run: id of this run.
     """
 
     roster: Roster

@@ -61,7 +61,7 @@ class RecordProcess:
 
     :param path: the file of the record.
     :param mark: the file of the mark (see ``run_mark.place``).
-    :param run: id of the run. If it is empty, the record makes one up.
+    :param run: id of the run.
     :ivar opened: what the process has found at its start.
     :ivar on_saved: called in the loop with `RaceMemory.gridded` of the last memory that is on the
         disk, when this number changes.

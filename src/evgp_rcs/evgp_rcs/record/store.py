@@ -26,7 +26,6 @@ import itertools
 import math
 import os
 import pathlib
-import secrets
 import sqlite3
 import time
 from typing import IO
@@ -123,15 +122,14 @@ class Record:
 
     :param path: path of the file, which is created with its folder if necessary. If it cannot be
         written, or is not a record, `error` says why, and ``write`` tries again.
-    :param run: id of the run; if empty, a random one is chosen.
+    :param run: id of the run.
     :raises RecordError: if another running race control is using the record.
     """
 
     def __init__(self, path: pathlib.Path, run: str = '') -> None:
         """Claim the file and find what the last run left behind."""
         self._path = path
-        began = Began(run or secrets.token_hex(8), PROGRAM, time.time_ns())
-        self._waiting = [Block(0, encode(began))]
+        self._waiting = [Block(0, encode(Began(run, PROGRAM, time.time_ns())))]
         self._due = math.inf  # when to write
         self._blocks: list[bytes] = []  # compressed once, however often the disk fails
         self._blocks_written = 0
