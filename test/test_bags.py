@@ -18,7 +18,7 @@ from evgp_node.stream import Block
 from evgp_node.stream_file import blocks_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
-from evgp_rcs.record.runs import events_of, open_runs
+from evgp_rcs.record.runs import open_runs
 from evgp_rcs.ros.publisher import EVENTS_QOS, RACE_QOS
 from evgp_rcs.rules.inputs import Entry
 from evgp_rcs.rules.race import StampedEvent
@@ -37,7 +37,7 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 from recorded_races import edit
-from rig.replaying import replay_without_difference
+from rig.replaying import events_of, replay_without_difference
 from rosbags.highlevel import AnyReader
 import yaml
 

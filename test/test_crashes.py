@@ -20,12 +20,11 @@ import threading
 
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
-from evgp_rcs.record.runs import events_of
 from evgp_testing.official import SERVICES
 from evgp_testing.race_control import new_port
 from evgp_testing.wire_race import WireRace
 import pytest
-from rig.replaying import replay_without_difference
+from rig.replaying import events_of, replay_without_difference
 
 IN_GARAGE, RED_RED = RaceState.IN_GARAGE, RaceState.RED_RED
 

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Replays of what race control has recorded: with the same rules nothing may differ."""
+"""What race control has recorded, and its replay: with the same rules nothing may differ."""
 
 from __future__ import annotations
 
@@ -9,6 +9,14 @@ import pathlib
 
 from evgp_rcs.record.replay import Replay
 from evgp_rcs.record.runs import open_runs
+from evgp_rcs.rules.race import StampedEvent
+
+
+def events_of(record: pathlib.Path, number: int | None = None) -> list[StampedEvent]:
+    """Return the readable events of a run in a record, by default the newest."""
+    with open_runs(record) as runs:
+        events = runs.read(runs.choose(number)).events()
+        return [each for each in events if isinstance(each, StampedEvent)]
 
 
 def replay_without_difference(record: pathlib.Path) -> list[Replay]:

@@ -37,7 +37,7 @@ from evgp_rcs.karts.channel import (
 )
 from evgp_rcs.karts.server import ROS_HALF_SILENCE
 from evgp_rcs.record.run_mark import place, RUN_BEGAN
-from evgp_rcs.record.runs import events_of, open_runs
+from evgp_rcs.record.runs import open_runs
 from evgp_rcs.ros import kart_client
 from evgp_rcs.ros.kart_client import KartServerClient
 from evgp_rcs.rules.catalogue import CommandKind
@@ -54,6 +54,7 @@ from evgp_testing.process import freeze
 from evgp_testing.race_control import new_port
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
+from rig.replaying import events_of
 
 TIMEOUT = 30.0
 

@@ -20,7 +20,7 @@ from evgp_node.stream import Began, Block
 from evgp_node.stream_file import blocks_of, open_for_reading
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as print_timeline
-from evgp_rcs.record.runs import events_of, PARTLY
+from evgp_rcs.record.runs import PARTLY
 import evgp_rcs.record.store
 from evgp_rcs.record.store import left_behind, Record, sessions
 from evgp_rcs.rules.inputs import Batch, encode, entries_of, Entry, Rules, Setup, Tick
@@ -35,6 +35,7 @@ from evgp_rcs.rules.race import (
 )
 import pytest
 from rig.disks import filled, garble_schema, Harm, in_database, remount, small_disk
+from rig.replaying import events_of
 
 RULES = Rules('rules', Setup((), RaceTimes(), (), 0.0))
 HOME = RaceMemory(RaceState.IN_GARAGE, {7: KartMemory(True, False, 0, Doubt.NONE, False)})

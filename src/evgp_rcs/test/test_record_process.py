@@ -20,12 +20,13 @@ from evgp_rcs.karts import record_process
 from evgp_rcs.karts.record_process import RecordProcess
 from evgp_rcs.record import run_mark
 from evgp_rcs.record.run_mark import RUN_BEGAN
-from evgp_rcs.record.runs import events_of, open_runs
+from evgp_rcs.record.runs import open_runs
 from evgp_rcs.record.store import Record, RecordError
 from evgp_rcs.rules.inputs import Batch, Tick
 from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 from evgp_testing.process import freeze, wait_until_ended
 import pytest
+from rig.replaying import events_of
 
 PATIENCE = 20.0
 HOME = RaceMemory(RaceState.IN_GARAGE, {})

@@ -20,7 +20,6 @@ from evgp_node.stream_file import BOOK
 from evgp_protocol.states import RaceState
 from evgp_rcs.record import run_mark
 from evgp_rcs.record.run_mark import RunMark
-from evgp_rcs.record.runs import events_of
 from evgp_rcs.record.store import Record
 from evgp_rcs.rules.inputs import Batch
 from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
@@ -28,6 +27,7 @@ from evgp_rcs.spare import copies as spare
 from evgp_rcs.spare import takeover
 from evgp_rcs.spare.copies import fetch, keep, latest, NAMES, ORIGIN, RECORD, SpareError
 import pytest
+from rig.replaying import events_of
 
 KARTS = 'karts:\n- {number: 7, team: A, address: 10.0.0.107, in_race: true}\n'
 

@@ -31,7 +31,7 @@ from evgp_node.states import state_of
 from evgp_node.stream_file import BOOK
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-from evgp_rcs.record.runs import events_of, open_runs
+from evgp_rcs.record.runs import open_runs
 from evgp_rcs.record.timing import entries
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
@@ -298,7 +298,8 @@ class Rehearsal(Part):
         records = self.folder.rglob('record.sqlite3')
         newest = max(records, key=lambda path: path.stat().st_mtime)
         with open_runs(newest) as runs:
-            return [event for run in runs.listed for event in events_of(newest, run.number)]
+            found = [each for run in runs.listed for each in runs.read(run).events()]
+        return [each for each in found if isinstance(each, StampedEvent)]
 
     # ----- the field's thread -------------------------------------------------------------
 

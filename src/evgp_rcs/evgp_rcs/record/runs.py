@@ -191,17 +191,6 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
         say(f'{file} is damaged ({damage}); this is what sqlite3 could recover from it')
 
 
-def events_of(file: pathlib.Path, number: int | None = None) -> list[StampedEvent]:
-    """
-    Return the readable events of a run in a record, by default the newest.
-
-    :raises UnreadableError: if the record cannot be read, or there is no such run.
-    """
-    with open_runs(file) as runs:
-        events = runs.read(runs.choose(number)).events()
-        return [each for each in events if isinstance(each, StampedEvent)]
-
-
 def _damage(file: pathlib.Path, database: sqlite3.Connection) -> str:
     """
     Return why SQLite cannot read the whole file; empty if it can.
