@@ -29,7 +29,7 @@ RETRY = 0.1  # s
 DEAD_TIME = 0.3  # s; from a command to the movement
 
 
-class InspectedKart:
+class Kart:
     """
     A good kart with inertia, each of whose methods another kart may replace.
 
@@ -304,8 +304,6 @@ class InspectedKart:
 
 # ----- other karts --------------------------------------------------------------------------
 
-Kart = InspectedKart
-
 
 def stand_down(k: Kart) -> None:
     k.commanded, k.armed = None, False
@@ -463,7 +461,7 @@ K-4D-06 | never acknowledges RED_RED after FIN |
     reached False if x is RED_RED and 'closed' in k.losses
 """
 """The sentence that a fault breaks, and others that it breaks in other steps; its name; and what
-each replaced method of `InspectedKart` returns (for k, and its argument x) and when."""
+each replaced method of `Kart` returns (for k, and its argument x) and when."""
 
 _HABITS = """
 says a newline after each frame | say Kart.say(k, x + b'\\r\\n')
@@ -483,7 +481,7 @@ is seen late | sees k.loop.call_later(0.4, k.take, x)
 
 
 KINDS: dict[str, dict[str, Callable[..., Any]]] = {'': {}}
-"""The methods of `InspectedKart` that each kind of kart replaces."""
+"""The methods of `Kart` that each kind of kart replaces."""
 
 
 def _read_table(table: str) -> Iterator[tuple[str, str]]:

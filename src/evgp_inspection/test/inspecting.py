@@ -16,7 +16,7 @@ from evgp_inspection.kart_sentences import KART
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take
 from evgp_inspection.verdicts import Inspection, select, Verdict
-from inspected_kart import InspectedKart
+from inspected_kart import Kart
 import simulated
 
 SHORT = Limits(
@@ -71,7 +71,7 @@ class OneInspection:
     long_after: float = 1.8
     eyes: bool = False
     starts_again: bool = False
-    kart: InspectedKart | None = None
+    kart: Kart | None = None
     driving: asyncio.Event = dataclasses.field(default_factory=asyncio.Event)
     stopping: asyncio.Event = dataclasses.field(default_factory=asyncio.Event)
     _take: Take = lambda speed: None
@@ -124,7 +124,7 @@ class OneInspection:
 
     def _start_kart(self, port: int) -> None:
         # One that nobody sees says no more than a kart has to.
-        self.kart = InspectedKart(
+        self.kart = Kart(
             port, self._see, self.kind, self.limits.silence, self.seen, self.long_after
         )
 
