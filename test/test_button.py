@@ -73,6 +73,7 @@ def test_a_device_that_is_gone_is_told_and_works_again_once_it_is_back(manned: M
     for _ in range(3):
         before = len(ear.heard)
         button.unplug()
+        button.program.wait_for_line('The device is not connected.*/usb-button')
         assert ear.wait_for(lambda each: each.fault, before).presses == presses
         button.plug()
         ear.wait_for_working()

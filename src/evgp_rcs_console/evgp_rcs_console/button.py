@@ -127,7 +127,7 @@ class StopButton(StrictNode):
         if said == self._said and at < self._due:
             return
         if fault and fault != self._said[0]:
-            self.get_logger().warning(fault)
+            self.get_logger().warning(f'{fault} ({self._device})')
         elif fault != self._said[0]:
             self.get_logger().info('A press sends ALL KILL')
         self._said, self._due = said, at + PRESENCE_PERIOD
