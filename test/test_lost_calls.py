@@ -5,10 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 import contextlib
-import os
 import pathlib
 import socket
 import time
@@ -17,9 +15,8 @@ from evgp_node import graph
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl
-from evgp_testing.ros_side import environment_kept
 import pytest
-from rig.networks import Machine, need_networks, RACE_CONTROL, Track
+from rig.networks import need_networks, RACE_CONTROL, Track
 
 DESK = '10.77.0.2'
 
@@ -31,33 +28,23 @@ SOON = 2.0
 DDS, by its defaults, asks whether anything was lost."""
 
 
-@contextlib.contextmanager
-def official_at_a_desk(folder: pathlib.Path) -> Iterator[tuple[Official, Machine]]:
-    """
-    Start race control and an official on two machines; yield the official and their machine.
-
-    For a process that has not used ROS yet: Fast DDS looks for the networks only once.
-    """
-    with Domain() as domain, Track() as track, contextlib.ExitStack() as parts:
-        own, desk = track.machine('own', RACE_CONTROL), track.machine('desk', DESK)
-        for machine in (own, desk):
-            machine.ip('route add 239.0.0.0/8 dev eth0')  # by which the two find each other
-        with own.inside(), environment_kept():
-            os.environ[graph.INTERFACE] = own.address
-            parts.enter_context(RaceControl(folder, domain.number, in_race=[1]))
-        with desk.inside(), environment_kept():
-            os.environ[graph.INTERFACE] = desk.address
-            official = parts.enter_context(Official(domain.number))
-        yield official, desk
-
-
 @pytest.mark.own_process
 def test_what_the_officials_network_loses_of_a_stop_is_sent_again_at_once(
-    tmp_path: pathlib.Path,
+    parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
 ) -> None:
     need_networks()
-    with official_at_a_desk(tmp_path) as (official, desk), ThreadPoolExecutor(1) as caller:
-        official.command('all_kill')
+    track = parts.enter_context(Track())
+    own, desk = track.machine('own', RACE_CONTROL), track.machine('desk', DESK)
+    for machine in (own, desk):
+        machine.ip('route add 239.0.0.0/8 dev eth0')  # by which the two find each other
+    with own.inside(), pytest.MonkeyPatch.context() as patch:
+        patch.setenv(graph.INTERFACE, own.address)
+        parts.enter_context(RaceControl(tmp_path, domain, in_race=[1]))
+    with desk.inside(), pytest.MonkeyPatch.context() as patch:
+        patch.setenv(graph.INTERFACE, desk.address)
+        official = parts.enter_context(Official(domain))
+    official.command('all_kill')
+    with ThreadPoolExecutor(1) as caller:
         for lost in ('back', 'toward') * 3:  # the call, and the answer
             desk.air(**{lost: 1.0})
             answer = caller.submit(official.call, 'all_kill')
