@@ -10,6 +10,7 @@ Their random numbers, their order, and which of them were skipped.
 from __future__ import annotations
 
 import contextlib
+import gc
 import pathlib
 
 import hypothesis
@@ -28,6 +29,11 @@ def domain(parts: contextlib.ExitStack) -> int:
     from evgp_testing.domains import Domain
 
     return parts.enter_context(Domain()).number
+
+
+def pytest_collection_finish() -> None:
+    """Spare the garbage collector the modules and the tests, which stay until the end."""
+    gc.freeze()
 
 
 _skipped: list[str] = []
