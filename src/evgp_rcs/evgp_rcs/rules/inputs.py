@@ -285,8 +285,8 @@ def _check(entry: Entry) -> None:
         texts = [event.text, event.official, event.heat]
         numbers = [event.kart, event.place, event.race]
     elif isinstance(entry, Attended):
-        texts = [entry.there.who, entry.there.button_fault]
-        numbers = [entry.there.able]
+        texts = [entry.there.who_can_stop, entry.there.button_fault]
+        numbers = [entry.there.able_to_stop]
     elif isinstance(entry, Rules):
         karts, heats = entry.setup.karts, entry.setup.heats
         texts = [heat.name for heat in heats]
