@@ -33,7 +33,7 @@ from evgp_testing.process import executable
 from evgp_testing.ros_side import RosSide
 import pytest
 from rcl_interfaces.msg import Log
-from rig.cpp import CPP, need_package
+from rig.needs import CPP, need_package
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE

@@ -26,8 +26,8 @@ from evgp_testing.process import Process, Program
 from evgp_testing.race_control import address_of
 import pytest
 from rig.bare_race_control import BareRaceControl
-from rig.cpp import CPP, need_package
 from rig.faulty_nodes import program_of, StackThatAnswersTheLatest
+from rig.needs import CPP, need_package
 from test_team_workspace import blocks
 
 STOPS = int(os.environ.get('EVGP_STOPS', '12'))

@@ -12,6 +12,9 @@ from typing import NoReturn
 import pytest
 from rig.screen import why_no_screen
 
+CPP = 'evgp_race_watch_cpp'
+"""The package in C++, which is not built everywhere."""
+
 
 def cannot_run(why: str, *, whole_file: bool = False) -> NoReturn:
     """
@@ -29,6 +32,16 @@ def need_program(name: str, package: str) -> None:
     """Skip the test where a program of the system, which this package brings, is missing."""
     if shutil.which(name) is None:
         cannot_run(f'there is no command {name}: install {package}')
+
+
+def need_package(package: str) -> None:
+    """Skip the test where this package was not built: not even EVGP_ALL_TESTS builds it."""
+    from ament_index_python.packages import get_package_prefix, PackageNotFoundError
+
+    try:
+        get_package_prefix(package)
+    except PackageNotFoundError:
+        pytest.skip(f'{package} was not built: the wheels of ROS have no rclcpp')
 
 
 def need_qt() -> None:
