@@ -66,6 +66,9 @@ LETS_HUMANS_NEAR = (
     CommandKind.OPEN_TRACK,
 )
 
+CONFIRMS_ALSO = {CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK}
+"""What the question of IN GARAGE also offers: after the MSR was used, or otherwise."""
+
 
 def published(race: Race, now: float) -> Snapshot:
     """Return the race as a console reads it."""
@@ -198,12 +201,17 @@ def has_all(questions: list[Question]) -> bool:
     let_near = {
         each.shown.track.allowed for each in questions if each.button.command in LETS_HUMANS_NEAR
     }
-    return asked == set(ASKING) and False in let_near
+    return asked == set(ASKING) and False in let_near and offered(questions) == CONFIRMS_ALSO
+
+
+def offered(questions: list[Question]) -> set[object]:
+    """Return what an official could confirm together with a question's own command."""
+    return {each.command for question in questions for each in question.button.also}
 
 
 def check(question: Question) -> None:
     """Give the command and compare what it does to each kart with what the question said."""
-    button, said, _, pickled, now = question
+    button, said, shown, pickled, now = question
     race: Race = pickle.loads(pickled)  # noqa: S301 - from above
     before = {kart.number: (kart.sent, kart.hold) for kart in race.karts.values()}
 
@@ -233,6 +241,8 @@ def check(question: Question) -> None:
     for also in button.also:
         answer = race.command(received(also), now).answer
         assert answer.success, answer.message
+    if button.command is CommandKind.IN_GARAGE and shown.track.msr_used:
+        assert not any(kart.hold for kart in race.karts.values()), 'each was made safe by hand'
 
 
 def test_a_question_says_what_each_kart_is_sent_and_what_it_also_offers_is_accepted(
@@ -244,6 +254,7 @@ def test_a_question_says_what_each_kart_is_sent_and_what_it_also_offers_is_accep
         check(question)
     print(asked)
     assert all(asked.values()), asked
+    assert offered(questions) == CONFIRMS_ALSO
 
 
 def test_a_question_that_lets_humans_near_says_what_the_screen_says_against_it(

@@ -1098,6 +1098,27 @@ def test_a_name_is_chosen_once_and_goes_with_every_command_also_of_the_next_wind
         assert name in window.text('official').replace('&&', '&')
 
 
+@pytest.mark.parametrize('answer', ['Y', 'Ctrl+G', 'yes', 'yes_and_more'])
+def test_what_else_a_question_confirms_is_sent_if_the_official_says_so_and_not_otherwise(
+    console: Console, answer: str
+) -> None:
+    race = race_of(2, track=TrackAccess(True, True, 'the MSR was used', True))
+    held = replace(race.karts[0], connected=False, hold=RaceState.RED_RED)
+    console.tell(replace(race, karts=(held, *race.karts[1:])))
+    console.press('F6')
+    assert 'kart 1 made safe by hand' in console.text('yes_and_more')
+    console.look()
+
+    console.find(answer).click() if answer.islower() else console.press(answer)
+
+    (given,) = console.sent
+    assert given.command is CommandKind.IN_GARAGE
+    also = answer in ('Ctrl+G', 'yes_and_more')
+    assert [(each.command, each.kart, each.stated) for each in given.then] == (
+        [(CommandKind.KART_IN_GARAGE, 1, True)] if also else []
+    )
+
+
 def test_a_double_click_is_one_press(console: Console, monkeypatch: pytest.MonkeyPatch) -> None:
     console.inbox.on_results(timing(2))
     console.tell(race_of(2, heat='Final'))
