@@ -121,6 +121,20 @@ def test_a_wrong_value_is_named_with_what_is_possible(
         module.read_settings(StrictNode('it', context=context, cli_args=arguments))
 
 
+def test_each_parameter_of_the_rules_of_a_kart_is_a_setting_of_them(domain: int) -> None:
+    """Such as that odometry is required: else a kart would be believed that does not stand."""
+    wanted = {
+        name: limits[0][0] + (limits[0][1] - limits[0][0]) / 4 if limits else True
+        for name, _, *limits in bridge.OF_THE_RULES
+    }
+    given = [HOST, *(f'{name}:={str(value).lower()}' for name, value in wanted.items())]
+    arguments = ['--ros-args', *(word for each in given for word in ('-p', each))]
+    with joined(domain) as context:
+        _, rules, _ = bridge.read_settings(StrictNode('it', context=context, cli_args=arguments))
+    assert {name: getattr(rules, name) for name in wanted} == wanted
+    assert not any(getattr(bridge.Settings, name) == value for name, value in wanted.items())
+
+
 def test_an_argument_that_ros_does_not_know_or_cannot_read_is_refused(refusal: Refusal) -> None:
     assert 'unknown ROS arguments' in refusal('--unheard-of')
     refused = refusal('-p', 'officials:=[Anna, 3]')
