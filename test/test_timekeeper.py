@@ -6,12 +6,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 import contextlib
 import os
 import pathlib
 import signal
 import time
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 from builtin_interfaces.msg import Duration
 from evgp_node.qos import latched
@@ -29,7 +31,7 @@ from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_race import WireRace
 from evgp_timing import timekeeper
 from evgp_timing.corrections import CORRECTIONS
-from evgp_timing.desk import What
+from evgp_timing.desk import Finish, What
 from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS, told_of
 import pytest
 
@@ -383,6 +385,19 @@ def test_a_command_that_was_refused_says_nothing_of_laps() -> None:
     told = told_of(event, 'run')
     assert told is not None
     assert told.what is What.FINISH
+
+
+def test_each_finish_names_the_run_and_the_race_that_it_is_for() -> None:
+    asked: list[srv.KartFinish.Request] = []
+
+    def call_async(request: srv.KartFinish.Request) -> Future[Any]:
+        asked.append(request)
+        return Future()
+
+    node = SimpleNamespace(_finish=SimpleNamespace(call_async=call_async))
+    timekeeper.Timekeeper._ask_for(cast(Any, node), Finish('a run', 3, 1))
+    (request,) = asked
+    assert (request.run, request.race, request.attempt, request.kart) == ('a run', 3, 0, 1)
 
 
 @pytest.mark.parametrize(
