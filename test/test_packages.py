@@ -116,6 +116,17 @@ def test_setup_cfg_says_what_package_xml_says(path: pathlib.Path) -> None:
 
 
 @every_python_package
+def test_all_that_lies_beside_the_code_is_installed_with_it(path: pathlib.Path) -> None:
+    """Such as the sound of the alarm, which nobody misses who has not built with links."""
+    config = configparser.ConfigParser()
+    config.read(path / 'setup.cfg', encoding='utf-8')
+    code = path / path.name
+    beside = {each for each in code.rglob('*.*') if each.suffix not in ('.py', '.pyc')}
+    patterns = config['options.package_data'][path.name].split(', ')
+    assert beside <= {each for pattern in patterns for each in code.glob(pattern)}
+
+
+@every_python_package
 @pytest.mark.parametrize('linter', ['flake8', 'pep257', 'xmllint'])
 def test_a_linter_of_ament_has_nothing_to_say(linter: str, path: pathlib.Path) -> None:
     reason = "ament's linters are not installed: they come with ROS, not with its wheels"
