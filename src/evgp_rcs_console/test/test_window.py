@@ -1119,6 +1119,22 @@ def test_what_else_a_question_confirms_is_sent_if_the_official_says_so_and_not_o
     )
 
 
+def test_no_click_answers_yes_before_an_official_can_have_read_the_question(
+    console: Console,
+) -> None:
+    console.tell(race_of(2))
+    console.press('F2')
+    console.look()
+    settling = console.window.question._settling
+    settling.start(3_600_000)  # as if the question had just opened
+
+    console.click_at(console.place('yes'))
+    assert not console.commands
+    settling.stop()
+    console.click_at(console.place('yes'))
+    assert console.commands == [(CommandKind.GRID_ACTIVE, 0)]
+
+
 def test_a_double_click_is_one_press(console: Console, monkeypatch: pytest.MonkeyPatch) -> None:
     console.inbox.on_results(timing(2))
     console.tell(race_of(2, heat='Final'))
