@@ -396,7 +396,7 @@ def test_corrections_go_to_the_timekeeper_and_no_stop_waits_for_one_that_is_froz
     tmp_path: pathlib.Path, parts: contextlib.ExitStack
 ) -> None:
     event = parts.enter_context(Event(tmp_path))
-    event.race(1)
+    event.race()
     lines = parts.enter_context(Lines(event.domain, event.official))
 
     def ends(code: int, *words: str) -> str:
