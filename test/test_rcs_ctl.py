@@ -17,6 +17,7 @@ import subprocess
 import sys
 import threading
 import time
+from typing import Any
 
 from evgp_node.official import UNNAMED
 from evgp_node.rclpy_private import RCLError
@@ -773,12 +774,21 @@ def test_an_announcement_that_cannot_be_published_keeps_no_stop_from_being_sent(
 
 
 @pytest.mark.parametrize(
-    ('heat', 'within'), [('none', 60.0), ('Final', 0.0)], ids=['refused', 'late']
+    ('heat', 'changed'),
+    [
+        ('none', {}),
+        ('Final', {'THEN_WITHIN': 0.0}),
+        ('Final', {'Client._finds': lambda *_: False}),
+        ('Final', {'Client._answered': lambda *_: None, 'GIVE_UP': 0.1}),
+        ('Final', {'request_message': lambda _: None}),
+    ],
+    ids=['refused', 'late', 'not there', 'unanswered', 'not sent'],
 )
 def test_what_was_confirmed_with_a_command_and_is_not_sent_after_it_is_told(
-    desk: Desks, monkeypatch: pytest.MonkeyPatch, heat: str, within: float
+    desk: Desks, monkeypatch: pytest.MonkeyPatch, heat: str, changed: dict[str, Any]
 ) -> None:
-    monkeypatch.setattr('evgp_rcs_console.client.THEN_WITHIN', within)
+    for name, value in changed.items():
+        monkeypatch.setattr(f'evgp_rcs_console.client.{name}', value)
     hearing = Hearing()
     with client_of(desk[0].domain, hearing) as client:
         assert client.wait_for(CommandKind.SET_HEAT, PATIENCE)

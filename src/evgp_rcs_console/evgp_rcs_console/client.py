@@ -275,8 +275,7 @@ class Client:
                 elif self._finds(given):
                     self._request(given)
                 else:
-                    why = texts.not_there(given.command, texts.full_name(given))
-                    self._listener.on_answer(given, Answer(False, why))
+                    self._failed(given, texts.not_there(given.command, texts.full_name(given)))
             # After each item of the queue, so that announcements never delay stops or time limits.
             self._press()
             self._give_up()
@@ -308,12 +307,12 @@ class Client:
         try:
             future = service.call_async(request_message(given))
         except Exception as error:  # noqa: BLE001 - whatever it is, this thread must send stops
-            why = f'{texts.full_name(given)} was not sent: {error}'
+            why = f'{texts.full_name(given)} was not sent: {error}.'
             if CATALOGUE[given.command].stop:
                 with self._lock:
                     self._standing.refused(given, why, final=False)
             else:
-                self._listener.on_answer(given, Answer(False, why))
+                self._failed(given, why)
             return
         with self._lock:
             self._waiting[future] = given, now()
@@ -327,8 +326,12 @@ class Client:
         for future, given in given_up:
             self._services[CATALOGUE[given.command].service].remove_pending_request(future)
             if not CATALOGUE[given.command].stop:
-                text = texts.no_answer(given, GIVE_UP)
-                self._listener.on_answer(given, Answer(False, text))
+                self._failed(given, texts.no_answer(given, GIVE_UP))
+
+    def _failed(self, given: Given, why: str) -> None:
+        """Report why a command failed, and what was confirmed with it and is not sent."""
+        why = ' '.join(filter(None, (why, _unsent(given))))
+        self._listener.on_answer(given, Answer(False, why))
 
     # ----- the executor's thread ----------------------------------------------------------
 
@@ -353,17 +356,17 @@ class Client:
                 self._listener.on_pressing(self._standing.pressed)
             follows = given.followed_by() if answer.success else None
             soon = now() - given.at < THEN_WITHIN and self._stop_given_at < given.at
-        unsent = f'Not sent: {", ".join(map(texts.full_name, given.then))}.' if given.then else ''
-        if unsent and not answer.success:
-            answer = Answer(False, f'{answer.message} {unsent}')
         # A stop that failed is sent again. Such failures and answers to older presses are not
         # reported.
         if ended or not CATALOGUE[given.command].stop:
-            self._listener.on_answer(given, answer)
+            if answer.success:
+                self._listener.on_answer(given, answer)
+            else:
+                self._failed(given, answer.message)
         if follows is not None and soon:
             self.give(follows)
         elif follows is not None:
-            why = f'{unsent} The previous command took too long. Press again now.'
+            why = f'{_unsent(given)} The previous command took too long. Press again now.'
             self._listener.on_answer(follows, Answer(False, why))
 
     def _hear_race(self, message: msg.Race, info: dict[str, Any]) -> None:
@@ -412,6 +415,11 @@ class Client:
     def _fail(self, error: BaseException) -> None:
         # From now on, nothing is received. The screen shows that, and stops are still sent.
         self.node.get_logger().error(f'This program is no longer receiving the race: {error!r}')
+
+
+def _unsent(given: Given) -> str:
+    """Return a sentence that names the commands after this one; empty if there are none."""
+    return f'Not sent: {", ".join(map(texts.full_name, given.then))}.' if given.then else ''
 
 
 def request_message(given: Given) -> Any:
