@@ -539,6 +539,12 @@ def test_the_last_delay_serves_all_further_places() -> None:
     assert [times.finish_delay(place) for place in (1, 2, 3, 40)] == [3.0, 1.0, 1.0, 1.0]
 
 
+def test_when_the_flag_of_a_finish_is_sent_is_shown(officials: Officials) -> None:
+    officials.to_green().does('KART_FINISH', 1)
+    shown = [kart.flag_at for kart in snapshot_of(officials.race, officials.now).karts]
+    assert shown == [officials.now + NO_PAUSE.finish_delay(1), None, None]
+
+
 def test_officials_are_told_once_when_every_kart_has_acknowledged(officials: Officials) -> None:
     officials.to_over()
     officials.says(1, RED_RED)
