@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import contextlib
+import math
 import os
 import pathlib
 import platform
@@ -774,32 +775,41 @@ def test_an_announcement_that_cannot_be_published_keeps_no_stop_from_being_sent(
 
 
 @pytest.mark.parametrize(
-    ('heat', 'changed'),
+    ('heat', 'changed', 'stop_given_at'),
     [
-        ('none', {}),
-        ('Final', {'THEN_WITHIN': 0.0}),
-        ('Final', {'Client._finds': lambda *_: False}),
-        ('Final', {'Client._answered': lambda *_: None, 'GIVE_UP': 0.1}),
-        ('Final', {'request_message': lambda _: None}),
+        ('none', {}, -math.inf),
+        ('Final', {'THEN_WITHIN': 0.0}, -math.inf),
+        ('Final', {'THEN_WITHIN': PATIENCE}, math.inf),
+        ('Final', {'Client._finds': lambda *_: False}, -math.inf),
+        ('Final', {'Client._answered': lambda *_: None, 'GIVE_UP': 0.1}, -math.inf),
+        ('Final', {'request_message': lambda _: None}, -math.inf),
     ],
-    ids=['refused', 'late', 'not there', 'unanswered', 'not sent'],
+    ids=['refused', 'late', 'after a stop', 'not there', 'unanswered', 'not sent'],
 )
 def test_what_was_confirmed_with_a_command_and_is_not_sent_after_it_is_told(
-    desk: Desks, monkeypatch: pytest.MonkeyPatch, heat: str, changed: dict[str, Any]
+    desk: Desks,
+    monkeypatch: pytest.MonkeyPatch,
+    heat: str,
+    changed: dict[str, Any],
+    stop_given_at: float,
 ) -> None:
     for name, value in changed.items():
         monkeypatch.setattr(f'evgp_rcs_console.client.{name}', value)
     hearing = Hearing()
     with client_of(desk[0].domain, hearing) as client:
+        client._stop_given_at = stop_given_at
         assert client.wait_for(CommandKind.SET_HEAT, PATIENCE)
         then = tuple(Given(CommandKind.JOIN_RACE, kart) for kart in (1, 2))
-        client.give(Given(CommandKind.SET_HEAT, taken={'heat': heat}, then=then))
+        give, sent = client.give, list[Given]()
+        monkeypatch.setattr(client, 'give', sent.append)
+        give(Given(CommandKind.SET_HEAT, taken={'heat': heat}, then=then))
         refused = hearing.wait_for(
             lambda: hearing.answer and not hearing.answer[1].success, now() + PATIENCE
         )
     assert refused
     assert hearing.answer is not None
     assert 'JOIN kart 1, JOIN kart 2' in hearing.answer[1].message
+    assert not sent
 
 
 class SlowListener(Hearing):

@@ -1135,6 +1135,22 @@ def test_no_click_answers_yes_before_an_official_can_have_read_the_question(
     assert console.commands == [(CommandKind.GRID_ACTIVE, 0)]
 
 
+def test_no_key_answers_yes_that_was_pressed_before_the_question_appeared(
+    console: Console,
+) -> None:
+    console.tell(race_of(2))
+    console.press('F2')
+    console.look()
+    question = console.window.question
+    question.shown_at = console.now + 1.0
+    console.strike('Y')
+    assert 'before the question appeared' in console.text('status')
+    assert not console.commands
+    question.shown_at = console.now
+    console.strike('Y')
+    assert console.commands == [(CommandKind.GRID_ACTIVE, 0)]
+
+
 def test_a_double_click_is_one_press(console: Console, monkeypatch: pytest.MonkeyPatch) -> None:
     console.inbox.on_results(timing(2))
     console.tell(race_of(2, heat='Final'))
