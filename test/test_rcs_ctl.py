@@ -812,6 +812,18 @@ def test_what_was_confirmed_with_a_command_and_is_not_sent_after_it_is_told(
     assert not sent
 
 
+def test_what_was_confirmed_with_a_command_is_sent_once_that_is_accepted(
+    desk: Desks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('evgp_rcs_console.client.THEN_WITHIN', 60.0)
+    control, official, _ = desk
+    with client_of(control.domain, Hearing()) as client:
+        assert client.wait_for(CommandKind.SET_HEAT, PATIENCE)
+        then = (Given(CommandKind.JOIN_RACE, 1),)
+        client.give(Given(CommandKind.SET_HEAT, taken={'heat': 'Final'}, then=then))
+        official.wait_for_race(lambda race: all(kart.in_race for kart in race.karts), 'all three')
+
+
 class SlowListener(Hearing):
     """Takes its time over the news that ALL KILL is pressed, unless it is accepted meanwhile."""
 
