@@ -30,7 +30,7 @@ from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.snapshot import snapshot_of
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain
-from evgp_testing.fixtures import ConnectKart, JoinOfficial
+from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.race_control import RaceControl, Timekeeper
@@ -130,6 +130,23 @@ class Speaker(RosSide):
 
 
 # ----- a window that ends or hangs ----------------------------------------------------------
+
+
+def test_once_the_last_window_hangs_its_race_is_sent_red_flag(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,), nobody_there=0.1)
+    console = open_console(control.domain)
+    kart = connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
+    console.wait_for('strip', text='1 official can stop')
+    console.start_race()
+    kart.wait_for_state(GREEN_GREEN)
+
+    console.block()  # its own thread only: DDS goes on
+
+    kart.wait_for_state(RED_FLAG)
+    console.kill()  # it would not end in time
 
 
 def run_with_qt(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -391,13 +408,13 @@ def test_screenshots_of_links_that_are_good_fair_poor_and_lost_30_s_after_green(
 @pytest.fixture(scope='module')
 def the_desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Desk, Console]]:
     """
-    Return a race control with three karts, and a window.
+    Return a race control with three karts, and a window, for the tests that end neither.
 
-    Its tests come last in this file, since both work as long as they are there.
+    These come last in this file, since both work as long as they are there.
     """
     need_screen()
     folder = tmp_path_factory.mktemp('desk')
-    given = {'finish_delays': '[0.2, 0.1]', 'nobody_there': 3.0}
+    given = {'finish_delays': '[0.2, 0.1]'}
     with (
         Domain() as domain,
         RaceControl(folder, domain.number, (1, 2, 3), (), given) as control,
@@ -526,19 +543,6 @@ def test_what_was_pressed_while_the_window_hung_starts_no_race(open_beside: Open
     console.ask('F3')
     console.press('y', see='state', text='GREEN GREEN')
     kart.wait_for_state(GREEN_GREEN)
-
-
-def test_once_the_last_window_hangs_its_race_is_sent_red_flag(open_beside: OpenBeside) -> None:
-    """It is the last test at that window, which it ends."""
-    console, (kart,) = open_beside(1)
-    console.wait_for('strip', text='1 official can stop')
-    console.start_race()
-    kart.wait_for_state(GREEN_GREEN)
-
-    console.block()  # its own thread only: DDS goes on
-
-    kart.wait_for_state(RED_FLAG)
-    console.kill()  # it would not end in time
 
 
 # ----- nothing keeps a stop -----------------------------------------------------------------
