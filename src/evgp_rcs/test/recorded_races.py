@@ -209,7 +209,7 @@ class PaperRace:
 
 @dataclasses.dataclass(frozen=True)
 class Unwritten(Kept):
-    """A run that was never in a file. (Entries come back from one as they are: test_inputs.py.)"""
+    """A run that was never in a file; entries come back from one as they are (test_inputs.py)."""
 
     stream: Sequence[Entry] = ()
 
