@@ -122,9 +122,9 @@ test:
 	$(PYTEST) -n $(WORKERS) --dist worksteal -m 'not long' $(ARGS)
 
 # docs/dev/testing.md says which tests are long, and why. Each free worker takes the next test.
-# Searches use a whole core; with more of them at once, race control could not keep time.
+# Searches use a whole core; with more of them at once, race control and karts could not keep time.
 test-long:
-	$(PYTEST) -n 6 --maxschedchunk 1 -m long $(ARGS)
+	$(PYTEST) -n 4 --maxschedchunk 1 -m long $(ARGS)
 
 soak:
 	$(IN_WORKSPACE) python soak/run.py $(ARGS)
