@@ -17,8 +17,6 @@ import sys
 import time
 from typing import Any
 
-from builtin_interfaces.msg import Time
-from evgp_kart_bridge.example_stack import COMMANDS, speed_command
 from evgp_kart_bridge.lamp import BLUE, YELLOW
 from evgp_kart_bridge.node import UNREAD
 from evgp_node.graph import INTERFACE, kept_apart_by
@@ -39,7 +37,7 @@ from evgp_testing.part import PATIENCE
 from evgp_testing.process import executable, Process, Program
 from evgp_testing.race_control import address_of, RaceControl
 from evgp_testing.ros_side import RosSide
-from geometry_msgs.msg import Twist, TwistStamped
+from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 import pytest
 from rclpy.qos import DurabilityPolicy
@@ -731,36 +729,3 @@ def test_a_driver_by_the_plain_state_stops_when_that_is_silent_and_needs_a_new_g
     # After 1 s of silence the bridge itself goes to RED_RED; it may have been frozen for less.
     driver.wait_for_line(r'waiting for the next GRID_ACTIVE|: RED_RED$')
     check_that_it_stands()
-
-
-SPEED_OF: dict[str, Callable[[Any], float]] = {
-    'twist': lambda command: command.linear.x,
-    'twist_stamped': lambda command: command.twist.linear.x,
-    'ackermann': lambda command: command.drive.speed,
-}
-
-
-@pytest.mark.parametrize('command', SPEED_OF)
-def test_a_command_has_its_speed_where_the_motors_read_it(command: str) -> None:
-    package, kind, _ = COMMANDS[command]
-    messages = pytest.importorskip(f'{package}.msg', reason=f'needs {package}')
-    assert SPEED_OF[command](speed_command(getattr(messages, kind), Time(), 1.5)) == 1.5
-
-
-def test_the_example_stack_tells_motors_its_speed_and_measures_none(
-    start_race: StartRace, parts: contextlib.ExitStack
-) -> None:
-    race, speed = start_race(), SPEED_OF['twist_stamped']
-    told = race.team.hear(TwistStamped, '/cmd_vel')
-    stack = parts.enter_context(start_stack(race.bridge.domain, command='twist_stamped'))
-    stack.wait_for_line('IN_GARAGE')
-    race.grid()
-    race.start()
-    race.team.wait_until(lambda: told and speed(told[-1]) > 1.0, lambda: f'to drive: {told[-1:]}')
-    race.official.command('all_kill')
-    race.team.wait_until(lambda: speed(told[-1]) == 0.0, lambda: f'to stop: {told[-1:]}')
-    # It measures nothing, so it says neither that the kart drives nor that it stands.
-    since = len(told)
-    race.team.wait_until(lambda: len(told) > since + 25, lambda: 'more commands')
-    assert race.team.speed is None
-    race.official.wait_for_kart(1, lambda kart: not kart.acknowledged, 'no word of a stop')
