@@ -26,24 +26,16 @@ from evgp_rehearsal.event import RefusedError, Rehearsal
 from evgp_rehearsal.field import TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_rehearsal.page import Page
-from evgp_rehearsal.plan import Cue, Plan, read_plan
+from evgp_rehearsal.plan import Cue, Plan
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import executable, Program
 import pytest
-
-ROOT = pathlib.Path(__file__).resolve().parents[1]
-FILE = ROOT / 'src' / 'evgp_rehearsal' / 'config' / 'rehearsal.yaml'
-
-
-def the_plan(laps: int = 6, seed: int = 2) -> Plan:
-    text = FILE.read_text(encoding='utf-8')
-    return read_plan(text.replace('laps: 6', f'laps: {laps}').replace('seed: 1', f'seed: {seed}'))
 
 
 @pytest.fixture(scope='module')
 def rehearsal(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rehearsal]:
     """Return a rehearsal, which may have seen others' incidents."""
-    with Rehearsal(the_plan(), tmp_path_factory.mktemp('rehearsal')) as each:
+    with Rehearsal(Plan(seed=2), tmp_path_factory.mktemp('rehearsal')) as each:
         yield each
 
 
@@ -230,7 +222,7 @@ def race_control_is_back(rehearsal: Rehearsal, name: str, stack: contextlib.Exit
 def test_each_incident_happens_with_the_real_race_control_and_is_debriefed(
     name: str, tmp_path: pathlib.Path
 ) -> None:
-    plan = the_plan(1 if name == 'slow_leader' else 6)
+    plan = Plan(laps=1 if name == 'slow_leader' else 6, seed=2)
     with Rehearsal(plan, tmp_path) as rehearsal, contextlib.ExitStack() as stack:
         official = rehearsal.official
         rehearsal.gather()
@@ -252,11 +244,12 @@ def test_each_incident_happens_with_the_real_race_control_and_is_debriefed(
     assert lines[-1].endswith(INCIDENTS[name].order)
 
 
-def test_a_debrief_that_cannot_be_written_is_refused_before_anybody_rehearses() -> None:
-    command = [sys.executable, '-m', 'evgp_rehearsal.rehearse', '--debrief', '/nowhere/it.txt']
+@pytest.mark.parametrize(('option', 'value'), [('--debrief', '/nowhere/it'), ('--karts', '61')])
+def test_a_wrong_setting_is_refused_before_anybody_rehearses(option: str, value: str) -> None:
+    command = [sys.executable, '-m', 'evgp_rehearsal.rehearse', option, value]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 2
-    assert '/nowhere/it.txt' in done.stderr.splitlines()[-1]
+    assert (value if option == '--debrief' else option) in done.stderr.splitlines()[-1]
 
 
 def test_a_window_that_cannot_open_says_why_in_the_rehearsals_terminal() -> None:

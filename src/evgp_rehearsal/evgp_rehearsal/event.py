@@ -427,7 +427,7 @@ class Rehearsal(Part):
             if since is None or (self.field.tick - since) * TICK_LENGTH < cue.at:
                 continue
             with contextlib.suppress(RefusedError):  # it begins as soon as it can
-                self.inject(cue.incident, cue.kart)
+                self.inject(cue.incident)
                 self.cues.remove(cue)
                 return
 

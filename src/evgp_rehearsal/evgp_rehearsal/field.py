@@ -35,6 +35,10 @@ DRIVES = 0.5
 """Minimum speed at which a kart reports that it is driving, in m/s."""
 
 
+SPREAD = 0.15
+"""Maximum deviation of each figure of a kart's ability from the mean, as a fraction."""
+
+
 class Fault(enum.Enum):
     """The faults that a kart can have."""
 
@@ -330,5 +334,5 @@ class Field:
 
 
 def _spread(plan: Plan, rng: random.Random) -> Ability:
-    least, most = 1 - plan.spread, 1 + plan.spread
+    least, most = 1 - SPREAD, 1 + SPREAD
     return Ability(*(mean * rng.uniform(least, most) for mean in astuple(plan.ability)))

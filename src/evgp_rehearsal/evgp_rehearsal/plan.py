@@ -1,33 +1,18 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-The plan of a rehearsal: track, karts, seed and script, from a YAML file.
-
-This module turns text into a ``Plan`` or one ``PlanError``, and is pure.
-"""
+"""The plan of a rehearsal: track, karts, seed and script. Pure."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-import dataclasses
+from collections.abc import Iterable
 from dataclasses import dataclass
 import itertools
 import math
-from typing import Any, TypeAlias
-
-import yaml
-
-MOST_KARTS = 60
-"""Maximum number of karts in a rehearsal."""
-
+from typing import TypeAlias
 
 Point: TypeAlias = tuple[float, float]
 """x and y, in metres."""
-
-
-class PlanError(ValueError):
-    """A plan cannot be used. The text says why."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +45,19 @@ class Track:
         return itertools.pairwise((*self.corners, self.corners[0]))
 
 
+COURSE = Track(
+    (
+        *((0.0, 0.0), (45.0, 0.0), (58.0, 6.0), (62.0, 18.0), (55.0, 30.0), (38.0, 33.0)),
+        *((30.0, 26.0), (20.0, 26.0), (10.0, 36.0), (-8.0, 35.0), (-18.0, 24.0), (-16.0, 8.0)),
+    )
+)
+"""The track of a rehearsal."""
+
+
 @dataclass(frozen=True)
 class Ability:
     """
-    A kart's abilities.
+    A kart's mean abilities, from which each kart's own differ.
 
     :param top: maximum speed, m/s.
     :param acceleration: maximum acceleration, m/s².
@@ -88,12 +82,10 @@ class Cue:
 
     :param at: time since the first GREEN_GREEN or, for an incident on the grid, since the first
         GRID_ACTIVE, s.
-    :param kart: the kart concerned; with 0, the seed decides.
     """
 
     incident: str
     at: float
-    kart: int = 0
 
 
 @dataclass(frozen=True)
@@ -102,14 +94,13 @@ class Plan:
     A rehearsal.
 
     :param karts: number of karts, which are numbered from 1.
-    :param spread: maximum deviation of each figure of a kart's ability, as a fraction, 0 to 0.5.
+    :param seed: decides the karts' abilities, and which kart has which incident.
     """
 
-    track: Track
+    track: Track = COURSE
     ability: Ability = Ability()
     karts: int = 6
     laps: int = 6
-    spread: float = 0.15
     seed: int = 1
     script: tuple[Cue, ...] = ()
 
@@ -117,63 +108,3 @@ class Plan:
     def numbers(self) -> tuple[int, ...]:
         """Return the numbers of the karts."""
         return tuple(range(1, self.karts + 1))
-
-
-def read_plan(text: str, karts: int | None = None) -> Plan:
-    """
-    Return the plan in a YAML text.
-
-    :param karts: number of karts, in place of that in the text.
-    :raises PlanError: if the plan is wrong.
-    """
-    try:
-        given = yaml.safe_load(text)
-        if not isinstance(given, dict):
-            raise PlanError('the plan must be a YAML mapping, like config/rehearsal.yaml')
-        plan = _plan(given if karts is None else {**given, 'karts': karts})
-    except PlanError:
-        raise
-    except (yaml.YAMLError, ValueError, TypeError, KeyError) as error:
-        raise PlanError(f'the plan cannot be read: {error}') from error
-    _check(plan)
-    return plan
-
-
-def _plan(given: Mapping[str, Any]) -> Plan:
-    unknown = set(given) - {'seed', 'karts', 'laps', 'track', 'kart', 'script'}
-    if unknown:
-        # In particular, a plan has no roster, because its karts must not exist anywhere else.
-        raise PlanError(f'a plan has no {", ".join(sorted(map(str, unknown)))}')
-    kart = dict(given.get('kart', {}))
-    spread = float(kart.pop('spread', Plan.spread))
-    ability = Ability(**{name: float(value) for name, value in kart.items()})
-    corners = tuple((float(x), float(y)) for x, y in given['track'])
-    cues = (Cue(**line) for line in given.get('script') or ())
-    return Plan(
-        Track(corners),
-        ability,
-        int(given.get('karts', Plan.karts)),
-        int(given.get('laps', Plan.laps)),
-        spread,
-        int(given.get('seed', Plan.seed)),
-        tuple(Cue(each.incident, float(each.at), int(each.kart)) for each in cues),
-    )
-
-
-def _check(plan: Plan) -> None:
-    corners, ability = plan.track.corners, dataclasses.astuple(plan.ability)
-    figures = (*ability, *itertools.chain(*corners))
-    for wrong, why in (
-        (len(corners) < 3 or len(set(corners)) < len(corners), 'give 3 different corners'),
-        (not 1 <= plan.karts <= MOST_KARTS, f'karts: 1 to {MOST_KARTS}'),
-        (plan.laps < 1, 'laps: 1 or more'),
-        (
-            any(cue.kart not in (0, *plan.numbers) for cue in plan.script),
-            f'script: kart must be from 1 to {plan.karts}',
-        ),
-        (not 0.0 <= plan.spread <= 0.5, 'spread: 0 to 0.5'),
-        (not all(map(math.isfinite, figures)), 'every figure must be finite'),
-        (min(ability) <= 0, 'every figure of a kart must be above 0'),
-    ):
-        if wrong:
-            raise PlanError(f'the plan is not possible: {why}')

@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 import contextlib
-import dataclasses
 import itertools
 import os
 import pathlib
@@ -21,63 +20,63 @@ import sys
 import tempfile
 import webbrowser
 
-from ament_index_python.packages import get_package_share_directory
 from evgp_rehearsal.event import BANNER, Rehearsal
 from evgp_rehearsal.incidents import INCIDENTS, script_of
 from evgp_rehearsal.page import Page
-from evgp_rehearsal.plan import Plan, PlanError, read_plan
+from evgp_rehearsal.plan import Plan
 from rich.console import Console
 from rich.text import Text
+
+MOST_KARTS = 60
+"""Maximum number of karts in a rehearsal."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """
     Run a rehearsal until Ctrl-C.
 
-    :return: 0. If the plan or a setting is wrong, the program exits with 2.
+    :return: 0. If a setting is wrong, the program exits with 2.
     """
     parser = argparse.ArgumentParser(
         prog=os.environ.get('EVGP_CALLED', 'rehearse'), description='Rehearse a race.'
     )
-    parser.add_argument('--plan', type=pathlib.Path, help='a YAML file such as the default plan')
-    parser.add_argument('--karts', type=int, help="replaces the plan's number of karts")
+    parser.add_argument(
+        '--karts',
+        type=int,
+        default=Plan.karts,
+        metavar='N',
+        help=f'number of karts, from 1 to {MOST_KARTS} (%(default)s)',
+    )
+    parser.add_argument(
+        '--seed',
+        type=int,
+        default=Plan.seed,
+        metavar='N',
+        help="decides the karts' abilities, and which kart has which incident (%(default)s)",
+    )
     parser.add_argument('--debrief', type=pathlib.Path, help='write the debriefs to this file')
     parser.add_argument('--no-window', action='store_true', help='open neither window nor browser')
     parser.add_argument(
         '--incident',
         action='append',
         choices=INCIDENTS,
-        help='replaces the script; if given again, the next incident begins 90 s later',
+        default=[],
+        help='begin it 20 s after GREEN_GREEN; if given again, the next begins 90 s later',
     )
     given = parser.parse_args(arguments)
+    if not 1 <= given.karts <= MOST_KARTS:
+        parser.error(f'--karts must be from 1 to {MOST_KARTS}')
     console = Console(highlight=False)
+    plan = Plan(karts=given.karts, seed=given.seed, script=script_of(given.incident))
     try:
-        plan = _load_plan(given)
         if given.debrief is not None:
             given.debrief.touch()
-    except (PlanError, OSError) as error:
+    except OSError as error:
         parser.error(str(error))
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     with tempfile.TemporaryDirectory() as folder:
         return _train(console, plan, pathlib.Path(folder), given)
-
-
-def _load_plan(given: argparse.Namespace) -> Plan:
-    """
-    Return the plan in a file, or the default plan, with the changes that the arguments give.
-
-    :raises PlanError: if the plan is wrong.
-    :raises OSError: if the file cannot be read.
-    """
-    shared = get_package_share_directory('evgp_rehearsal')
-    file = given.plan or pathlib.Path(shared, 'config', 'rehearsal.yaml')
-    plan = read_plan(file.read_text(encoding='utf-8'), given.karts)
-    for cue in plan.script:
-        if cue.incident not in INCIDENTS:
-            raise PlanError(f'{file}: there is no incident {cue.incident}')
-    script = script_of(given.incident) if given.incident else plan.script
-    return dataclasses.replace(plan, script=script)
 
 
 def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.Namespace) -> int:
