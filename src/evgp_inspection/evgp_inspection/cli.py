@@ -77,9 +77,8 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
         '--odometry',
         metavar='SOURCE',
         default='',
-        help='source of the speed in place of an inspector\'s eyes: "-" (lines "time speed" or '
-        '"speed" on standard input), udp:[ADDRESS:]PORT, ros:/TOPIC (nav_msgs/Odometry), a file '
-        'or a pipe',
+        help="source of the speed in place of an inspector's eyes: udp:[ADDRESS:]PORT (each "
+        'datagram a speed) or ros:/TOPIC (nav_msgs/Odometry)',
     )
     for part, what in (('bridge', 'is connected to race control'), ('stack', 'drives')):
         add(
@@ -117,9 +116,6 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
             f'--unattended makes a kart drive with no inspector. Give --word {WORD} to state that '
             'its wheels are off the ground and that someone holds the MSR'
         )
-    if options.odometry == '-' and not options.unattended:
-        parser.error('--odometry - uses the keyboard, so it needs --unattended')
-
     return _inspect(options, limits, clauses)
 
 
