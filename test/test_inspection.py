@@ -361,7 +361,6 @@ def test_an_inspection_whose_terminal_is_closed_leaves_its_report(
     [
         ['--unattended'],
         ['--only', 'K-9'],
-        ['--explain', 'X'],
         ['--red-red', '-1'],
         ['--odometry', '/odom', *UNATTENDED],
         ['--odometry', 'udp:99999', *UNATTENDED],

@@ -54,8 +54,7 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
         'judged, or wrong usage. The last lines and the report say which.',
     )
     add = parser.add_argument
-    add('--list', action='store_true', help='list the clauses and exit')
-    add('--explain', metavar='CLAUSE', default='', help='explain clauses and exit')
+    add('--list', action='store_true', help='explain the clauses and exit')
     add('--only', metavar='CLAUSES', default='', help='check only these, such as K-3A-07,K-4D')
     add('--race', action='store_true', help='only stage a race: connect, drive, RED_FLAG, RED_RED')
     add('--team', default='', help="the team's name, for the report")
@@ -100,16 +99,14 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
         limits = Limits.taken_from(options)
         seed = limits.seed or random.randrange(1, 1_000_000)  # noqa: S311 - no secret
         limits = dataclasses.replace(limits, seed=seed)
-        explained = select(KART, options.explain) if options.explain else ()
         clauses = select(KART, options.only)
         if options.race:
             clauses = tuple(c for c in clauses if not c.steps or c.steps[0] in RACE_STEPS)
     except ValueError as error:
         parser.error(str(error))
-    if options.list or explained:
+    if options.list:
         done = {name: step.done for name, step in STEPS.items()}
-        lines = [each.line() for each in clauses] if options.list else []
-        print('\n'.join(lines or [f'{each.explain(done)}\n' for each in explained]))
+        print('\n\n'.join(each.explain(done) for each in clauses))
         return Exit.PASSED
     if options.unattended and options.word != WORD:
         parser.error(

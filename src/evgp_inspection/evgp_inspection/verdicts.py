@@ -97,15 +97,12 @@ class Clause:
         :param done: the description of each step.
         """
         lines = [
-            f'{self.name}  {self.title}',
+            f'{self.name}{"*" if self.starred else " "} {self.title}',
             f'  {self.section}, {self.source}: "{self.sentence}"',
         ]
         lines += [f'  {step}: {done[step]}' for step in self.steps]
         lines += [f'  Limit: --{self.limit.replace("_", "-")}'] if self.limit else []
         return '\n'.join(lines)
-
-    def line(self) -> str:
-        return f'{self.name}{"*" if self.starred else " "} {self.section:5} {self.title}'
 
 
 @dataclasses.dataclass(frozen=True)
