@@ -18,7 +18,7 @@ import time
 from typing import Any
 
 from evgp_kart_bridge.lamp import BLUE, YELLOW
-from evgp_kart_bridge.node import UNREAD
+from evgp_kart_bridge.node import LASTS
 from evgp_node.graph import INTERFACE, kept_apart_by
 from evgp_node.qos import latched
 from evgp_node.states import state_message, state_of
@@ -259,21 +259,7 @@ def test_a_kart_that_odometry_never_sees_move_in_green_green_is_told_what_is_mis
     race = start_race()
     race.green()
     race.team.drive_at(0.0)
-    still = 'has read 0.00 m/s for 5 s in GREEN_GREEN.*'
-    race.bridge.wait_for_line(f'{still} its stack sends the motors no speed')
-    node = race.team.node
-
-    def look_away() -> None:
-        timer.cancel()
-        for each in [*node.subscriptions]:
-            if each.topic_name in ('/kart_bridge/race_state', '/kart_bridge/stop'):
-                node.destroy_subscription(each)
-
-    # In the executor's thread, which else would wait for what is gone.
-    timer = node.create_timer(0.01, look_away)
-    for speed in (1.0, 0.0):
-        race.team.drive_at(speed)
-    race.bridge.wait_for_line(f'{still} no stack drives it: no node reads /kart_bridge/race_state')
+    race.bridge.wait_for_line('has read 0.00 m/s for 5 s in GREEN_GREEN.*twist')
 
 
 def test_neither_grid_nor_red_is_acknowledged_while_required_odometry_does_not_come(
@@ -364,7 +350,7 @@ def test_a_stack_that_reads_the_lock_or_the_plain_state_alone_is_read(
         side.spin()
         bridge.wait_for_line('refuses')  # it has begun
         read.append((bridge, side, reader))
-    time.sleep(UNREAD + 1.0)  # that time passes is itself what is awaited
+    time.sleep(LASTS + 1.0)  # that time passes is itself what is awaited
     for bridge, side, reader in read:
         assert 'No node has read' not in bridge.output
         side.node.destroy_subscription(reader)
@@ -548,7 +534,6 @@ def test_no_red_is_acknowledged_while_two_publish_odometry_whom_the_bridge_names
         assert not answer.success
         assert said in answer.message
     race.team.wait_for_diagnostic(lambda status: said in status.message)
-    assert 'twist' not in race.bridge.output  # it need not be wrong
     base.close()
     race.team.wait_until_polled(
         lambda: 'odometry says 3.00 m/s' in race.team.acknowledge(RED_RED).message, 'one alone'

@@ -33,7 +33,7 @@ from evgp_kart_bridge.link import (
 )
 from evgp_kart_bridge.motion import Motion
 from evgp_kart_bridge.orders import LONGEST_LEASE
-from evgp_kart_bridge.watch import LEASE, LOG_AGAIN, race_state_qos
+from evgp_kart_bridge.watch import LEASE, NewReasons, race_state_qos
 from evgp_node.graph import KEEPS_APART
 from evgp_node.parameters import check_address, ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
@@ -85,17 +85,12 @@ earlier."""
 LOOK_AROUND = 0.3
 """Time between two checks for a second node where only one is allowed, in seconds."""
 
-UNREAD = 5.0
-"""Time after which the bridge warns that no node reads the race state, in seconds."""
-
-UNACKNOWLEDGED = 5.0
-"""Time after which the bridge warns that an acknowledgement is missing, in seconds."""
+LASTS = 5.0
+"""Time after which the bridge warns that no node reads the race state, that an acknowledgement is
+missing, or that odometry reads 0.00 m/s in GREEN_GREEN, in seconds."""
 
 ODOMETRY_DUE = 2.0
 """Time after which the bridge warns that the expected odometry is missing, in seconds."""
-
-NEVER_MOVED = 5.0
-"""Time at 0.00 m/s in GREEN_GREEN after which the bridge warns of the odometry, in seconds."""
 
 TEAM_TIMEOUT = 1.0
 """Time after which a bridge whose executor is stuck counts as deaf to its team, in seconds."""
@@ -200,13 +195,12 @@ class KartBridge(StrictNode):
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._published: Verdict | None = None
-        self._logged: dict[str, float] = {}  # warnings, and when each was logged
-        self._logged_last = ''
+        self._new_reasons = NewReasons()
         self._motion = Motion()  # in the executor's thread
         self._odometry_at: float | None = None
         self._odometry_was_missed = False
-        self._unread, self._never_moved = Lasting(UNREAD), Lasting(NEVER_MOVED)
-        self._no_odometry, self._unacknowledged = Lasting(ODOMETRY_DUE), Lasting(UNACKNOWLEDGED)
+        self._unread, self._never_moved = Lasting(LASTS), Lasting(LASTS)
+        self._no_odometry, self._unacknowledged = Lasting(ODOMETRY_DUE), Lasting(LASTS)
         self._turns = 0  # of the link
         # The link's thread triggers this condition. An executor that runs the callback can also
         # receive the team's messages. A timer would not work, because some middlewares wait for
@@ -359,16 +353,13 @@ class KartBridge(StrictNode):
         self._look_for_readers()
         self._link.give(Arbiter.team_heard)
 
-    def _is_read(self) -> bool:
-        """Return whether a node subscribes to a topic with the race state."""
-        forms = (self._race_state, self._stop, self._state)
-        return any(each.get_subscription_count() for each in forms)
-
     def _look_for_readers(self) -> None:
         """Log once that no stack reads the race state: it may be in another ROS domain."""
-        if self._unread.is_due(not self._is_read(), clock.now()):
+        forms = (self._race_state, self._stop, self._state)
+        read = any(each.get_subscription_count() for each in forms)
+        if self._unread.is_due(not read, clock.now()):
             self.get_logger().warning(
-                f'No node has read {self._race_state.topic_name} in {self._graph} for {UNREAD:g} '
+                f'No node has read {self._race_state.topic_name} in {self._graph} for {LASTS:g} '
                 's. Check that the stack is running, with the same ROS_DOMAIN_ID, and without '
                 f'{" or ".join(KEEPS_APART)} in its shell. On two computers, both need '
                 'EVGP_GRAPH_INTERFACE'
@@ -378,8 +369,7 @@ class KartBridge(StrictNode):
         velocity, place = message.twist.twist.linear, message.pose.pose.position
         twist, now = math.hypot(velocity.x, velocity.y), clock.now()
         speed = self._motion.speed(twist, place.x, place.y, now)
-        # Two publishers, which the bridge reports elsewhere, may each publish a correct twist.
-        if self._motion.contradiction and self.count_publishers(self._odometry_topic) < 2:
+        if self._motion.contradiction:
             self.get_logger().warning(
                 f'The kart counts as moving: {self._motion.contradiction}',
                 throttle_duration_sec=5.0,
@@ -388,15 +378,11 @@ class KartBridge(StrictNode):
         published = self._published
         green = published is not None and published.state is RaceState.GREEN_GREEN
         if self._never_moved.is_due(green and speed < 0.005, now):
-            missing = (
-                'its stack sends the motors no speed'
-                if self._is_read()
-                else f'no stack drives it: no node reads {self._race_state.topic_name}'
-            )
             self.get_logger().warning(
-                f'Odometry on {self._odometry_topic} has read 0.00 m/s for {NEVER_MOVED:g} s in '
-                f'GREEN_GREEN. If the kart stands still, {missing}. If it drives, the twist of '
-                'its odometry is not filled in. It would then acknowledge stops while it rolls'
+                f'Odometry on {self._odometry_topic} has read 0.00 m/s for {LASTS:g} s in '
+                'GREEN_GREEN. If the kart stands still, no stack sends its motors a speed. If it '
+                'drives, the twist of its odometry is not filled in. It would then acknowledge '
+                'stops while it rolls'
             )
 
         def take(arbiter: Arbiter, now: float) -> Reaction:
@@ -460,24 +446,14 @@ class KartBridge(StrictNode):
             self.get_logger().info(f'{reached.value} is acknowledged')
         if verdict.reason == '':
             if last is None or last.reason or last.state is not verdict.state:
-                self._logged.clear()
-                self._logged_last = ''
+                self._new_reasons = NewReasons()
                 self.get_logger().info(obeyed)
         elif status.failures == 0 and (not status.heard_anything or self._arbiter.starting):
             # The bridge is still starting, and nothing is wrong yet.
             if last is None:
                 self.get_logger().info(f'Starting: {obeyed} until {self._peer} sends a state')
-        else:
-            text = f'{obeyed}: {verdict.reason}'
-            now = clock.now()
-            # The last line of the log must be true, so a reason that was left out is logged later
-            # if it still applies.
-            if text != self._logged_last and now - self._logged.get(text, -LOG_AGAIN) >= LOG_AGAIN:
-                self._logged = {
-                    each: at for each, at in self._logged.items() if now - at < LOG_AGAIN
-                }
-                self._logged[text], self._logged_last = now, text
-                self.get_logger().warning(text)
+        elif self._new_reasons.has(text := f'{obeyed}: {verdict.reason}', clock.now()):
+            self.get_logger().warning(text)
 
     def _log_odometry(self) -> None:
         """Log once each time odometry goes missing, and once when it comes back."""
@@ -506,7 +482,7 @@ class KartBridge(StrictNode):
         elif lasts:
             does = 'drives' if state is RaceState.GREEN_GREEN else 'stands still'
             self.get_logger().warning(
-                f'{state.value} has not been acknowledged for {UNACKNOWLEDGED:g} s, although '
+                f'{state.value} has not been acknowledged for {LASTS:g} s, although '
                 f'nothing prevents it. Once the kart {does}, its stack must call '
                 f'{self.resolve_service_name("~/acknowledge")}'
             )

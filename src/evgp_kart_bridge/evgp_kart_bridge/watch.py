@@ -52,10 +52,10 @@ UNHEARD = 2.0
 """Time after the start at which the node logs that it has not heard a bridge, in seconds."""
 
 LOG_AGAIN = 10.0
-"""Minimum time before the node logs the same reason again, in seconds."""
+"""Minimum time before a node logs the same reason again, in seconds."""
 
 LOG_REASONS = 20
-"""Maximum number of reasons that the node logs within `LOG_AGAIN`."""
+"""Maximum number of reasons that a node logs within `LOG_AGAIN`."""
 
 BACKLOG = 100
 """Maximum number of messages that wait for a busy stack. During the longest doubt that the rules
@@ -97,6 +97,29 @@ def watch_qos(lease: float) -> QoSProfile:
     qos.depth = BACKLOG
     qos.durability = DurabilityPolicy.VOLATILE
     return qos
+
+
+class NewReasons:
+    """
+    Decides which reasons are logged.
+
+    None is logged twice in a row, nor again within `LOG_AGAIN`. A reason that was left out is
+    logged later if it still applies, so that the last line of the log is true.
+    """
+
+    def __init__(self) -> None:
+        self._logged: dict[str, float] = {}  # when each was logged
+        self._last = ''
+
+    def has(self, reason: str, now: float) -> bool:
+        """Return whether to log the present reason now; it may be empty."""
+        self._logged = {each: at for each, at in self._logged.items() if now - at < LOG_AGAIN}
+        if not reason:
+            self._last = ''
+        if reason in ('', self._last, *self._logged) or len(self._logged) >= LOG_REASONS:
+            return False
+        self._logged[reason], self._last = now, reason
+        return True
 
 
 class RaceStateWatch:
@@ -142,8 +165,7 @@ class RaceStateWatch:
         self._log = node.get_logger()
         self._began = clock.now()
         self._graph = f'ROS domain {node.context.get_domain_id()}'
-        self._logged: dict[str, float] = {}  # reasons, and when each was logged
-        self._logged_last = ''
+        self._new_reasons = NewReasons()
         beside, slash, _ = topic.rpartition('/')
         self._bridge = node.create_client(
             Acknowledge, f'{beside}{slash}acknowledge', callback_group=group
@@ -281,15 +303,7 @@ class RaceStateWatch:
                 f'{shell if apart else ""}is it running, with the same ROS_DOMAIN_ID? On two '
                 'computers, both need EVGP_GRAPH_INTERFACE'
             )
-        self._logged = {each: at for each, at in self._logged.items() if now - at < LOG_AGAIN}
-        if not reason:
-            self._logged_last = ''
-        elif (
-            reason != self._logged_last
-            and reason not in self._logged
-            and len(self._logged) < LOG_REASONS
-        ):
-            self._logged[reason], self._logged_last = now, reason
+        if self._new_reasons.has(reason, now):
             text = f'The kart obeys {self.state.value}: {reason}'
             if self._orders.doubt(now):
                 self._log.warning(text)
