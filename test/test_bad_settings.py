@@ -188,6 +188,9 @@ PAUSE = '/**:\n  ros__parameters:\n    pause: 2.0\n'
         (b'rcs.yaml\n', ':1'),
         (b'pause: 2.0\n', ':1'),
         (PAUSE.replace('ros__', 'ros_').encode(), ':3'),
+        (b'- pause: 2.0\n', ':1'),
+        (b'/**:\n  ros__parameters: &all\n    pause: *all\n', ':3'),
+        (b'[' * 3000, ''),
         (b'\xef\xbb\xbf' + PAUSE.replace('\n', '\r\n').encode(), None),
     ],
 )
@@ -198,6 +201,7 @@ def test_a_parameter_file_that_cannot_be_used_is_named_in_a_sentence(
     path.write_bytes(content)
     found = [*unreadable(['--params-file', str(path)])]
     assert [each.startswith(f'{path}{line}: ') for each in found] == [True] * (line is not None)
+    assert 'Node' not in ''.join(found)  # PyYAML's own terms
 
 
 def test_what_ros_would_ignore_in_a_parameter_file_is_refused(

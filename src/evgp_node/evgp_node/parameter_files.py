@@ -23,15 +23,18 @@ def unreadable(arguments: Sequence[str]) -> Iterator[str]:
     for path in _files(arguments):
         try:
             for each in _misplaced(_tree(path)):
-                said = f'{str(each.value)[:40]!r} is not below ros__parameters'
+                what = repr(each.value[:40]) if isinstance(each, yaml.ScalarNode) else 'a list'
+                said = f'{what} is not below ros__parameters'
                 yield _said(path, each, f'{said}. Put it there, as in the files in config/')
         except OSError as error:
             yield f'{path}: cannot be read ({error.strerror}). Name a readable file'
         except (yaml.YAMLError, ValueError) as error:  # the parser of ROS accepts more
             mark = getattr(error, 'problem_mark', None)
             where = f':{mark.line + 1}' if mark else ''
-            what: object = getattr(error, 'problem', None) or error
-            yield f'{path}{where}: {what}. Write one document in UTF-8, with spaces and no tabs'
+            fault: object = getattr(error, 'problem', None) or error
+            yield f'{path}{where}: {fault}. Write one document in UTF-8, with spaces and no tabs'
+        except RecursionError:
+            yield f'{path}: is nested too deeply. Put each parameter just below ros__parameters'
 
 
 def ignored(arguments: Sequence[str], node: str, alone: bool) -> Iterator[str]:
@@ -60,8 +63,18 @@ def _files(arguments: Sequence[str]) -> list[str]:
     return [path for before, path in pairs if before == '--params-file']
 
 
+class _Loader(yaml.SafeLoader):
+    """A loader that refuses aliases, as ROS does, because with one a node may contain itself."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+            raise yaml.MarkedYAMLError(problem='aliases (*) are not used here', problem_mark=mark)
+        return super().compose_node(parent, index)
+
+
 def _tree(path: str) -> yaml.Node | None:
-    return yaml.compose(pathlib.Path(path).read_text(encoding='utf-8'), yaml.SafeLoader)
+    return yaml.compose(pathlib.Path(path).read_text(encoding='utf-8'), _Loader)
 
 
 def _said(path: str, key: yaml.Node, what: str) -> str:
