@@ -10,12 +10,12 @@ Only these programs need Qt, so nothing here loads it before `run_window`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import faulthandler
 import os
 import signal
 import sys
 from typing import Any
 
+from evgp_node.deadline import end_within
 from evgp_node.graph import GraphError
 from evgp_node.process import join_graph
 from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
@@ -51,8 +51,8 @@ def run_window(
     :param not_allowed: sentence for stderr if ROS does not allow the client, with ``{error}``.
     :param arguments: command-line arguments; None for those of this process.
     :return: 2 if Qt or a screen is missing, or a setting is wrong. Otherwise the process ends in
-        here: with 0 after an orderly end; with 1 if ROS does not end in time, after it has printed
-        on stderr where it hung.
+        here: with 0 after an orderly end; with 1, and a sentence on stderr, if ROS does not end in
+        time.
     """
     program, *given = sys.argv if arguments is None else [name, *arguments]
     try:
@@ -79,8 +79,7 @@ def run_window(
     try:
         application.exec()
     finally:
-        # This works whatever DDS does, because its thread needs no lock of the interpreter.
-        faulthandler.dump_traceback_later(END_TIMEOUT, exit=True)
+        end_within(END_TIMEOUT, 1, 'ROS has hung, so this program ended without it')
         close()
         rclpy.try_shutdown()
     sys.stdout.flush()
