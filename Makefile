@@ -41,7 +41,7 @@ OFFICIAL ?=
 
 # A word of a command, whatever is in it; and a parameter, since ROS reads values as YAML.
 quoted = '$(subst ','\'',$(1))'
-parameter = -p $(call quoted,$(1):="$(subst ",,$(2))")
+parameter = -p $(call quoted,$(1):='$(subst ','',$(2))')
 
 # A test must not command a real kart: neither our programs, nor nodes with ROS's own settings.
 bench demo fuzz rehearsal screenshots sim soak test test-long: export EVGP_GRAPH_INTERFACE :=

@@ -222,8 +222,9 @@ def in_shell(word: str) -> str:
     if word == '@ARGS@':
         return '"$@"'
     parts = re.split('@([A-Z]+)@', re.sub(r'^install/', f'{HOME}/install/', word))
+    value = '"${{{}//$q/$q$q}}"' if ":='" in word else '"${}"'  # in the quotes of YAML, or not
     quoted = [
-        f'"${each}"' if at % 2 else shlex.quote(each) for at, each in enumerate(parts) if each
+        value.format(each) if at % 2 else shlex.quote(each) for at, each in enumerate(parts) if each
     ]
     return ''.join(quoted) or "''"
 
@@ -254,7 +255,7 @@ def script(command: str, about: str) -> str:
         wrong = f'echo "evgp-{command} does not accept $1. See evgp-{command} --help" >&2'
         lines.append(f'(($# == 0)) || {{ {wrong}; exit 2; }}')
     lines += [
-        'OFFICIAL=${OFFICIAL//\\"/}',
+        'q="\'"',
         'export EVGP_CTL="evgp-ctl ${OFFICIALS:+OFFICIALS=$OFFICIALS }%s"',
         "export EVGP_TAKEOVER='evgp-takeover %s %s'",
         *(f'export {name}={in_shell(value)}' for name, value in exports.items()),

@@ -55,7 +55,7 @@ def test_a_command_of_the_package_runs_what_make_runs(
     shown.write_text('#!/bin/sh\nprintf "%s\\n" "$@"\nenv | grep -E "^(EVGP_GRAPH|ROS_AUTO)"\n:')
     shown.chmod(0o755)
     command, _, rest = line.partition(' ')
-    files = {'ROSTER': "/x y/it's #2.yaml", 'PARAMS': '/x/r.yaml', 'TIMING': '/x/t.yaml'}
+    files = {'ROSTER': r"/x y\new/it's #2.yaml", 'PARAMS': '/x/r.yaml', 'TIMING': '/x/t.yaml'}
     paths = [f'{each}={files[each]}' for each in deb.COMMANDS[command][2] if each in files]
     text = deb.script(command, '').replace(f'{deb.HOME}/setup/in-workspace', str(shown))
     text = f'set -- {shlex.join(paths)} {rest}\n{text.replace(f"{deb.HOME}/", "")}'

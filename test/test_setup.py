@@ -14,6 +14,7 @@ import sys
 
 import prepare
 import pytest
+import yaml
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
@@ -272,11 +273,12 @@ def test_make_has_a_target_for_what_an_official_reads(
 
 
 def test_a_path_is_one_word_and_one_parameter_whatever_is_in_it() -> None:
-    path = "/x: y/it's #2.yaml"
+    path = r'''/x: y\new/it's "#2".yaml'''
     given = [f'{name}={path}' for name in ('ROSTER', 'PARAMS', 'TIMING')]
     words = printed('make', '-s', 'run', *given, 'IN_WORKSPACE=printf "%s\\n"', **os.environ)
     lines = words.splitlines()
-    assert (lines.count(path), lines.count(f'roster:="{path}"')) == (2, 2)
+    parameters = [yaml.safe_load(each[8:]) for each in lines if each.startswith('roster:=')]
+    assert (lines.count(path), parameters) == (2, [path, path])
 
 
 def test_a_shell_that_exports_cdpath_finds_the_workspace() -> None:
