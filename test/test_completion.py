@@ -73,7 +73,7 @@ def test_the_options_of_a_command_are_offered() -> None:
 def test_what_can_be_done_with_a_record_is_offered() -> None:
     assert set(WAYS) <= record('rcs_record ')
     assert {'--list', '--run'} <= record('rcs_record --')
-    assert {'--from', '--output'} <= record('rcs_record report --')
+    assert {'--event', '--output'} <= record('rcs_record report --')
 
 
 def test_a_question_of_the_shell_gives_no_command() -> None:

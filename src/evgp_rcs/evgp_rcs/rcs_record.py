@@ -26,7 +26,7 @@ from evgp_rcs.ros import mcap_export
 WAYS: dict[str, tuple[ModuleType, str]] = {
     'show': (timeline, 'print a run as a timeline (the default)'),
     'results': (results, 'write the results of each race, with laps and penalties, as CSV'),
-    'report': (report, 'write a run, or a part of it, as a report in one HTML file'),
+    'report': (report, 'write a run as a report in one HTML file'),
     'replay': (replay, 'run the rules again on the recorded inputs, and compare'),
     'mcap': (mcap_export, 'make a bag for Foxglove, PlotJuggler and ros2 bag'),
 }
@@ -43,7 +43,6 @@ examples:
   rcs_record --run 3 --stream                   every entry of run 3, as recorded
   rcs_record results -o results.csv             the results, for a spreadsheet
   rcs_record report -o report.html              the report, for a jury
-  rcs_record report --from 14:05 --to 14:07 -o incident.html
   rcs_record replay race.sqlite3                was the software right?
   rcs_record mcap race.sqlite3 race.mcap        the race, for Foxglove
 

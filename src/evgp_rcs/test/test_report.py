@@ -30,19 +30,17 @@ from evgp_protocol.clock import duration
 from evgp_protocol.link import GRADES
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.report import wording
-from evgp_rcs.record.report.command import seconds_of
 from evgp_rcs.record.report.drawing import drawing, NAMES, WIDTH
 from evgp_rcs.record.report.model import (
     Account,
     GREEN_GREEN,
     NOT_CONNECTED,
     NOT_KNOWN,
-    Part,
     Stop,
     Why,
 )
 from evgp_rcs.record.report.wording import Clock
-from evgp_rcs.record.runs import DONE, open_runs, PARTLY, UNREADABLE, UnreadableError
+from evgp_rcs.record.runs import DONE, open_runs, PARTLY
 from evgp_rcs.record.store import Record
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CommandKind
@@ -379,51 +377,21 @@ def test_a_connection_that_ends_with_race_control_was_not_lost(paper: PaperRace)
     assert list(map(named, account.races[0].incidents)) == ['RED_FLAG']
     (stop,) = stops(account)
     assert {(each.then, each.is_silent) for each in stop.told} == {('', True)}
-    looks = {shape.look for shape in drawing(account, Part(), Clock(0), '').shapes}
+    looks = {shape.look for shape in drawing(account, (0.0, account.length), Clock(0), '').shapes}
     assert 'mark DELIVERED' in looks
     assert 'mark DISCONNECTED' not in looks
 
 
-def test_a_part_has_its_events_alone_and_its_timeline_what_was_sent_before(
-    paper: PaperRace,
-) -> None:
+def test_the_timeline_of_a_race_in_a_run_has_what_was_sent_before(paper: PaperRace) -> None:
     paper.drive()
     paper.wait(20.0)
     paper.command(CommandKind.KART_RED_FLAG, 7)
     paper.wait(20.0)
-    account = paper.account()
-    part = Part(10.0, 30.0, 7)
-    assert {each.event.kart for each in part.events(account.events)} == {7}
-    *_, green, flag = [
-        each
-        for each in drawing(account, part, Clock(0), '').shapes
-        if each.look.startswith('band')
-    ]
-    assert [green.words, flag.words] == ['GREEN GREEN', 'RED FLAG']
+    shapes = drawing(paper.account(), (10.0, 30.0), Clock(0), '').shapes
+    race, green, flag, *_ = (each for each in shapes if each.look.startswith('band'))
+    assert [race.words, green.words, flag.words] == ['GREEN GREEN', 'GREEN GREEN', 'RED FLAG']
     assert green.x == pytest.approx(NAMES)
     assert green.width + flag.width == pytest.approx(WIDTH - NAMES)
-
-
-@pytest.mark.parametrize(
-    ('text', 'seconds'),
-    [
-        ('+90', 90.0),
-        ('23:59:30', 30.0),
-        ('23:59', 0.0),
-        ('00:00:30', 90.0),
-        ('2026-05-31T00:01', 120.0),
-    ],
-)
-def test_a_time_is_given_as_the_clock_showed_it(text: str, seconds: float) -> None:
-    clock = Clock(0)
-    began = clock.moment(0).replace(year=2026, month=5, day=30, hour=23, minute=59)
-    assert seconds_of(text, Clock(round(began.timestamp()) * 10**9)) == seconds
-
-
-@pytest.mark.parametrize('text', ['', 'noon', '25:00', '12', '+', '-5', '12:00:00:00'])
-def test_what_is_no_time_is_refused(text: str) -> None:
-    with pytest.raises(UnreadableError, match='not a time'):
-        seconds_of(text, Clock(0))
 
 
 @pytest.mark.parametrize('began_ns', [0, 499_999, 500_000, 999_999_999])
@@ -666,25 +634,6 @@ def test_the_sums_are_of_the_file_and_of_the_events_and_none_of_a_file_that_is_b
     assert 'race control was writing it' in page
 
 
-def test_a_report_of_a_part_says_so_wherever_it_could_be_mistaken(written: pathlib.Path) -> None:
-    assert 'only a part' not in report(written)
-    for arguments in (('--from', '+1'), ('--to', '+2'), ('--kart', '7')):
-        page = report(written, *arguments)
-        # At the top, at the timeline, at the table; and on each sheet of paper, and in the title.
-        assert page.count('This report shows only a part of the run') == 3
-        assert 'shows only' in re.findall(r'@bottom-left.*', page)[0]
-        assert '(a part only)</title>' in page
-
-
-@pytest.mark.parametrize(
-    'arguments', [('--from', '+999'), ('--from', '+3', '--to', '+2'), ('--kart', '99')]
-)
-def test_a_part_that_has_nothing_in_it_is_refused(
-    written: pathlib.Path, arguments: tuple[str, ...]
-) -> None:
-    assert not report(written, *arguments, code=UNREADABLE)
-
-
 def test_a_report_has_the_event_the_officials_and_room_to_sign(written: pathlib.Path) -> None:
     page = report(written)
     assert 'Event: <span class="blank">' in page
@@ -696,7 +645,6 @@ def test_a_report_has_the_event_the_officials_and_room_to_sign(written: pathlib.
 def test_a_report_of_a_run_without_events_can_be_made(tmp_path: pathlib.Path) -> None:
     written = PaperRace(TEAMS).write(tmp_path / 'record.sqlite3')
     assert '<html' in report(written)
-    assert '<html' in report(written, '--from', '+0')
 
 
 def test_what_others_have_written_is_nothing_but_text(tmp_path: pathlib.Path) -> None:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report import wording
-from evgp_rcs.record.report.model import Account, Happened, Lane, NO_GRADE, Part
+from evgp_rcs.record.report.model import Account, Happened, Lane, NO_GRADE
 from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.rules.race import EventKind
 
@@ -59,28 +59,27 @@ class Drawing(NamedTuple):
     shapes: list[Shape]
 
 
-def drawing(account: Account, part: Part, clock: Clock, title: str) -> Drawing:
-    """Return the timeline of a part of a run."""
-    shapes = list(_Timeline(account, part, clock).shapes())
+def drawing(account: Account, span: tuple[float, float], clock: Clock, title: str) -> Drawing:
+    """Return the timeline of a run from one time to another."""
+    shapes = list(_Timeline(account, span, clock).shapes())
     return Drawing(title, max((each.y + each.height for each in shapes), default=0.0), shapes)
 
 
 class _Timeline:
     """A timeline that is being drawn."""
 
-    def __init__(self, account: Account, part: Part, clock: Clock) -> None:
+    def __init__(self, account: Account, span: tuple[float, float], clock: Clock) -> None:
         self._account = account
-        self._part = part
         self._clock = clock
-        self._start, self._end = part.span(account)
+        self._start, self._end = span
         self._scale = (WIDTH - NAMES) / max(self._end - self._start, 0.001)
 
     def _x(self, at: float) -> float:
         return NAMES + (min(max(at, self._start), self._end) - self._start) * self._scale
 
     def shapes(self) -> Iterator[Shape]:
-        lanes = [each for each in self._account.lanes.values() if self._part.concerns(each.kart)]
-        events = self._part.events(self._account.events)
+        lanes = self._account.lanes.values()
+        events = [each for each in self._account.events if self._start <= each.at <= self._end]
         ends = self._account.ended
         # Connections that end with race control are not lost ones.
         last = math.inf if ends is None else ends.sequence
@@ -120,9 +119,10 @@ class _Timeline:
                     yield at, at, 'command refused', f'✗ {words}'
 
     def _alerts(self) -> Iterator[Label]:
-        for each in self._part.alerts(self._account):
+        for each in self._account.alerts:
             end = self._account.length if each.ended is None else each.ended
-            yield each.event.at, end, 'alert', plain(each.event.event.text)
+            if each.event.at <= self._end and end >= self._start:
+                yield each.event.at, end, 'alert', plain(each.event.event.text)
 
     def _rows(self, top: float, labels: Iterator[Label]) -> Iterator[Shape]:
         """Yield each label in the first row that has room for it or, without room, as a stroke."""

@@ -15,7 +15,6 @@ set.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 import enum
 import itertools
@@ -517,46 +516,3 @@ class Account:
         race.out[number] = Out(why, at, cause)
         if cause is not None:
             race.add_incident(cause)
-
-
-class Part(NamedTuple):
-    """
-    The part of a run that a report shows. The report says what it leaves out.
-
-    :param kart: the only kart shown, besides what concerns no single kart; None for every kart.
-    """
-
-    start: float = 0.0
-    end: float = math.inf
-    kart: int | None = None
-
-    def span(self, account: Account) -> tuple[float, float]:
-        """Return the start and end of the part, within the run."""
-        return self.start, max(self.start, min(account.length, self.end))
-
-    def concerns(self, kart: int) -> bool:
-        """Return whether the part includes this kart, or (0) what concerns no single kart."""
-        return self.kart is None or kart in (0, self.kart)
-
-    def events(self, events: Iterable[Happened]) -> list[Happened]:
-        """Return those of the events that are in the part."""
-        return [
-            each
-            for each in events
-            if self.concerns(each.event.kart) and self.start <= each.at <= self.end
-        ]
-
-    def alerts(self, account: Account) -> list[Alert]:
-        """Return the alerts that touch the part."""
-        return [
-            each
-            for each in account.alerts
-            if self.concerns(each.event.event.kart) and self._touches(each.event.at, each.ended)
-        ]
-
-    def races(self, account: Account) -> list[RaceAccount]:
-        """Return the races that touch the part."""
-        return [each for each in account.races if self._touches(each.began, each.garage)]
-
-    def _touches(self, begins: float, ends: float | None) -> bool:
-        return begins <= self.end and (ends is None or ends >= self.start)

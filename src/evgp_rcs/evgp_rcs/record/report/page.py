@@ -17,6 +17,7 @@ import hashlib
 from importlib import metadata
 from importlib.resources import files
 import itertools
+import math
 import time
 
 from evgp_node.results import Mark, MOST_PASSINGS, Standings
@@ -27,7 +28,7 @@ from evgp_rcs.record.plain import plain
 from evgp_rcs.record.replay import Replay
 from evgp_rcs.record.report import wording
 from evgp_rcs.record.report.drawing import Drawing, drawing, WIDTH
-from evgp_rcs.record.report.model import Account, Alert, Part, STOPS
+from evgp_rcs.record.report.model import Account, Alert, STOPS
 from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.record.runs import DONE, Runs, UnreadableError
 from evgp_rcs.rules.race import EventKind
@@ -81,25 +82,21 @@ def _template() -> Template:
     return environment.from_string(_file('page.html.j2'))
 
 
-def page(
-    runs: Runs, account: Account, part: Part, sums: Sequence[tuple[str, str]], event_name: str
-) -> str:
+def page(runs: Runs, account: Account, sums: Sequence[tuple[str, str]], event_name: str) -> str:
     """
-    Return the report of a run, or of a part of it.
+    Return the report of a run.
 
     :param sums: what each SHA-256 sum is of, and the sum.
     :param event_name: name of the event; if empty, the report has a line to fill it in.
     """
     kept = account.kept
     clock = Clock(account.began_ns)
-    shown = _part(part, account, clock)
     title = f'Race report, {clock.moment(clock.began_ns):%Y-%m-%d %H:%M}'
-    title += ' (a part only)' if shown else ''
     # The foot of every printed page, which contains no untrusted text.
-    foot = f'{title} · run {kept.run.number}' + (f' · shows only {shown}' if shown else '')
-    events = on_paper = part.events(account.events)
+    foot = f'{title} · run {kept.run.number}'
+    on_paper = account.events
     if len(on_paper) > PAPER_ROWS:
-        on_paper = [each for each in events if each.event.kind not in LESSER][:PAPER_ROWS]
+        on_paper = [each for each in on_paper if each.event.kind not in LESSER][:PAPER_ROWS]
 
     return _template().render(
         account=account,
@@ -112,12 +109,6 @@ def page(
         rules=account.replay.rules,
         program=f'evgp_rcs {metadata.version("evgp_rcs")}',
         made_ns=time.time_ns(),
-        part=shown,
-        events=events,
-        in_part=part.events,
-        concerned=lambda told: [each for each in told if part.concerns(each.kart)],
-        races=part.races(account),
-        alerts=part.alerts(account),
         clock=clock,
         overall=_overall(account),
         lap_chart=_lap_chart,
@@ -129,7 +120,7 @@ def page(
         stops=sum(each.event.success and each.event.command in STOPS for each in account.commands),
         stood=lambda alert: _stood(alert, account),
         on_paper=on_paper,
-        drawings=_drawings(account, part, clock),
+        drawings=_drawings(account, clock),
         WIDTH=WIDTH,
         MOST=MOST,
         MOST_PASSINGS=MOST_PASSINGS,
@@ -147,26 +138,14 @@ def _replay(replay: Replay) -> tuple[bool, str]:
     return code == DONE, f'The rules were run again on all recorded inputs. {words}'
 
 
-def _part(part: Part, account: Account, clock: Clock) -> str:
-    """Return a text that says which part a report shows; empty if it shows everything."""
-    start, end = part.span(account)
-    phrases = []
-    if part._replace(kart=None) != Part():
-        phrases.append(f'{clock.at(start, 1)} to {clock.at(end, 1)}')
-    if part.kart is not None:
-        phrases.append(f'kart {part.kart} and what concerns no single kart')
-    return ', '.join(phrases)
-
-
-def _drawings(account: Account, part: Part, clock: Clock) -> list[Drawing]:
-    """Return the timeline of the whole part, and of each race in it if there are several."""
-    drawings = [drawing(account, part, clock, 'Everything' if account.races else 'No race')]
-    races = part.races(account)
+def _drawings(account: Account, clock: Clock) -> list[Drawing]:
+    """Return the timeline of the whole run, and of each race in it if there are several."""
+    races, whole = account.races, (0.0, account.length)
+    drawings = [drawing(account, whole, clock, 'Everything' if races else 'No race')]
     for race in races if len(races) > 1 else ():
-        start, end = part.span(account)
-        ends = end if race.garage is None else min(end, race.garage + 2.0)
-        own = Part(max(start, race.began - 2.0), ends, part.kart)
-        drawings.append(drawing(account, own, clock, f'Race {race.number}'))
+        garage = math.inf if race.garage is None else race.garage
+        span = max(0.0, race.began - 2.0), min(account.length, garage + 2.0)
+        drawings.append(drawing(account, span, clock, f'Race {race.number}'))
     return drawings
 
 
