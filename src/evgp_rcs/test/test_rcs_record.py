@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-import io
 import json
 import multiprocessing
 import os
@@ -131,24 +130,6 @@ def test_a_terminal_of_few_characters_shows_what_it_can(path: pathlib.Path) -> N
     )
     assert (done.returncode, done.stderr) == (0, b'')
     assert b'Z?rich ?' in done.stdout
-
-
-class Terminal(io.StringIO):
-    """What a person looks at."""
-
-    def isatty(self) -> bool:
-        return True
-
-
-def test_long_work_says_at_a_terminal_how_far_it_has_come(
-    good: pathlib.Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    terminal = Terminal()
-    monkeypatch.setenv('TERM', 'xterm')
-    monkeypatch.setattr(sys, 'stderr', terminal)
-    assert rcs_record(arguments_of('results', good)) == 0
-    assert 'Reading' in terminal.getvalue()
-    assert '100%' in terminal.getvalue()
 
 
 # ----- bad files ------------------------------------------------------------------------------

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 import contextlib
 import dataclasses
 import os
@@ -89,14 +89,8 @@ class Kept:
     blocks: list[tuple[int, bytes]]
 
     def entries(self) -> Iterator[Entry | Gap]:
-        """Yield the entries and gaps and show the progress on a terminal."""
-        blocks: Iterable[tuple[int, bytes]] = self.blocks
-        if sys.stderr.isatty():
-            from rich.console import Console  # takes 0.1 s, and is rarely needed
-            from rich.progress import track
-
-            blocks = track(blocks, 'Reading', console=Console(stderr=True), transient=True)
-        return entries_of(blocks)
+        """Yield the entries and gaps."""
+        return entries_of(self.blocks)
 
     def lines(self) -> Iterator[bytes]:
         """Yield the raw text of each block, with one line for each entry."""
