@@ -23,9 +23,6 @@ from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges
 import pytest
 from rig.desk import Desk
-import yaml
-
-ROOT = pathlib.Path(__file__).resolve().parents[1]
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 UNHEARD = DiagnosticStatus(values=[KeyValue(key='race state')])
@@ -140,30 +137,12 @@ def test_diagnostics_have_the_level_of_the_gravest_alert(
     assert health.wait_for('rcs: race', ERROR).message.endswith(tuple(gravest))
 
 
-def analyzers(package: str) -> dict[str, list[str]]:
-    """Return, by the path of each analyzer of a package, what the names have that it takes."""
-    text = (ROOT / 'src' / package / 'config/analyzers.yaml').read_text(encoding='utf-8')
-    given = yaml.safe_load(text)['analyzers']['ros__parameters']
-    return {each['path']: each['contains'] for each in given.values() if isinstance(each, dict)}
-
-
-def taken(package: str, health: Health) -> dict[str, list[str]]:
-    """Return, by the name of each status, the analyzers that take it."""
-    return {
-        name: [path for path, parts in analyzers(package).items() if any(map(name.count, parts))]
-        for name in health.statuses
-    }
-
-
-def test_diagnostics_have_every_kart_and_each_status_is_taken_by_one_analyzer(
-    room: Room, connect_kart: ConnectKart
-) -> None:
+def test_diagnostics_have_every_kart(room: Room, connect_kart: ConnectKart) -> None:
     control, official, health = room.desk.control, room.desk.official, room.health
     missing = health.wait_for('rcs: kart 1', WARN)
     assert (missing.hardware_id, values(missing)['team']) == (address_of(1), 'Team 1')
     health.wait_for('rcs: kart 2', OK)  # it is not in the race
-    expected = {'rcs: race': ['Race'], 'rcs: kart 1': ['Karts'], 'rcs: kart 2': ['Karts']}
-    assert taken('evgp_rcs', health) == expected
+    assert {*health.statuses} == {'rcs: race', 'rcs: kart 1', 'rcs: kart 2'}
     connect_kart(control, 1, Acknowledges.EACH_CHANGE)
     health.wait_for('rcs: kart 1', OK)
     official.command('all_kill')
@@ -187,11 +166,10 @@ def test_diagnostics_have_every_kart_and_each_status_is_taken_by_one_analyzer(
     health.wait_until(as_shown, lambda: f'kart 1 as it stands; heard {health.statuses}')
 
 
-def test_the_status_of_the_bridge_is_taken_by_one_analyzer(
+def test_a_bridge_that_hears_no_race_control_has_an_error_in_its_only_status(
     start_bridge: StartBridge, parts: contextlib.ExitStack
 ) -> None:
     bridge = start_bridge()
     health = parts.enter_context(Health(bridge.domain))
     health.wait_for('kart_bridge: race state', ERROR)
-    expected = {'kart_bridge: race state': ['Race control']}
-    assert taken('evgp_kart_bridge', health) == expected
+    assert [*health.statuses] == ['kart_bridge: race state']

@@ -13,7 +13,7 @@ DIAGNOSTICS_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""QoS of ``/diagnostics``, as diagnostic aggregators expect it."""
+"""QoS of ``/diagnostics``, as its usual readers expect it."""
 
 
 def latched(depth: int) -> QoSProfile:
