@@ -63,16 +63,12 @@ class ServerSettings:
 
     :param host: the parameter ``address``.
     :param port: the parameter. In tests it is 0, so that the system chooses a port.
-    :param snapshot_interval: minimum time between two snapshots of the race, in seconds.
-    :param snapshot_at_least: maximum time between two snapshots, in seconds.
     """
 
     host: str = '0.0.0.0'
     port: int = DEFAULT_PORT
     beat_rate: float = BEAT_RATE
     send_timeout: float = 1.0
-    snapshot_interval: float = 0.05
-    snapshot_at_least: float = 0.5
 
 
 @dataclass(frozen=True)

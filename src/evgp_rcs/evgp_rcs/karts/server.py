@@ -82,6 +82,9 @@ GATHER = 0.005
 acknowledge at the same time, sending each event separately would keep all processes busy and delay
 the answer to the stop that caused the events."""
 
+LEAST_BETWEEN_SNAPSHOTS, MOST_BETWEEN_SNAPSHOTS = 0.05, 0.5
+"""Minimum and maximum time between two snapshots of the race, in seconds."""
+
 SHOW_AFTER = 0.01
 """Minimum delay before a snapshot shows an event, in seconds. As with `GATHER`, one snapshot then
 covers many events."""
@@ -306,7 +309,7 @@ class KartServer:
             if count % KARTS_BETWEEN_LOOKS == 0:
                 self.take_commands()
             link.beat()
-        if now - self._shown_at >= self._settings.snapshot_at_least:
+        if now - self._shown_at >= MOST_BETWEEN_SNAPSHOTS:
             self._ask_to_show()
         period = 1.0 / self._settings.beat_rate
         # The server does not make up for late beats. The next one comes at most one period later.
@@ -440,7 +443,7 @@ class KartServer:
     def _ask_to_show(self) -> None:
         if not self._showing:
             self._showing = True
-            delay = self._shown_at + self._settings.snapshot_interval - self.now()
+            delay = self._shown_at + LEAST_BETWEEN_SNAPSHOTS - self.now()
             self._loop.call_later(max(delay, SHOW_AFTER), self._show)
 
     def _show(self) -> None:
