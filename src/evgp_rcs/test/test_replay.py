@@ -16,6 +16,7 @@ import random
 import sqlite3
 from typing import Any, cast, get_args, get_type_hints
 
+from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main
 from evgp_rcs.record.replay import OF_THE_SERVER, Replay
@@ -25,6 +26,7 @@ from evgp_rcs.rules import inputs
 from evgp_rcs.rules import race as rules
 from evgp_rcs.rules.catalogue import CATALOGUE
 from evgp_rcs.rules.inputs import Entrant, Entry, Ordered, Rules, Setup
+from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import (
     Attendance,
     Command,
@@ -91,6 +93,12 @@ class Running(PaperRace):
             state = kart.sent if self.chance.random() < 0.8 else self.chance.choice([*RaceState])
             serial = kart.serial if self.chance.random() < 0.9 else 0
             return inputs.Heard(self.now, kart.number, serial, state)
+        if what < 0.28:
+            answered = self.chance.uniform(kart.ordered_at, self.now)
+            return inputs.Delivered(self.now, kart.number, kart.serial, answered)
+        if what < 0.31:
+            grade = self.chance.choice(list(Grade))
+            return inputs.Measured(self.now, kart.number, NOT_MEASURED._replace(grade=grade))
         if what < 0.45:
             return inputs.Tick(self.now)
         if what < 0.5:

@@ -67,6 +67,8 @@ def test_a_finish_that_was_undone_is_none_and_later_places_move_up(paper: PaperR
     assert found(paper)[7].place == 1
     # The one was stopped before its finish was undone; the other drove on.
     assert why(paper) == {8: Why.FINISH_UNDONE, 9: Why.RACE_STOPPED}
+    (race,) = paper.account().races
+    assert [(each.event.kart, named(each)) for each in race.incidents] == [(8, 'KART_UNDO_FINISH')]
 
 
 def test_only_the_first_reason_counts_and_nothing_after_a_finish_takes_its_place_away() -> None:
