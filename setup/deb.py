@@ -224,7 +224,9 @@ def in_shell(word: str) -> str:
     parts = re.split('@([A-Z]+)@', re.sub(r'^install/', f'{HOME}/install/', word))
     value = '"${{{}//$q/$q$q}}"' if ":='" in word else '"${}"'  # in the quotes of YAML, or not
     quoted = [
-        value.format(each) if at % 2 else shlex.quote(each) for at, each in enumerate(parts) if each
+        value.format(each) if at % 2 else shlex.quote(each)
+        for at, each in enumerate(parts)
+        if each
     ]
     return ''.join(quoted) or "''"
 

@@ -273,7 +273,7 @@ def test_make_has_a_target_for_what_an_official_reads(
 
 
 def test_a_path_is_one_word_and_one_parameter_whatever_is_in_it() -> None:
-    path = r'''/x: y\new/it's "#2".yaml'''
+    path = r"""/x: y\new/it's "#2".yaml"""
     given = [f'{name}={path}' for name in ('ROSTER', 'PARAMS', 'TIMING')]
     words = printed('make', '-s', 'run', *given, 'IN_WORKSPACE=printf "%s\\n"', **os.environ)
     lines = words.splitlines()
