@@ -24,17 +24,16 @@ from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartStatus
 from evgp_rcs_msgs.srv import Acknowledge
-from evgp_testing.domains import Domain, free_port
+from evgp_testing.domains import free_port
 from evgp_testing.fixtures import (
     JoinTeam,
     StartBase,
     StartBridge,
 )
 from evgp_testing.kart import Bridge, Team
-from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import executable, Process, Program
-from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.race_control import address_of
 from evgp_testing.ros_side import RosSide
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
@@ -61,13 +60,8 @@ RED_RED = RaceState.RED_RED
 @pytest.fixture(scope='module')
 def the_desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
     """Return race control and an official: no test here ends them."""
-    folder = tmp_path_factory.mktemp('race_control')
-    with (
-        Domain() as domain,
-        RaceControl(folder, domain.number, [1], [2]) as control,
-        Official(domain.number) as official,
-    ):
-        yield Desk(control, official)
+    with Desk(tmp_path_factory.mktemp('race_control'), [1], [2]) as desk:
+        yield desk
 
 
 @pytest.fixture

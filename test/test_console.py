@@ -31,7 +31,6 @@ from evgp_rcs.rules.snapshot import snapshot_of
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.race_control import RaceControl, Timekeeper
 from evgp_testing.ros_side import RosSide
@@ -415,15 +414,12 @@ def the_desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Desk, C
     """
     need_screen()
     folder = tmp_path_factory.mktemp('desk')
-    given = {'finish_delays': '[0.2, 0.1]'}
     with (
-        Domain() as domain,
-        RaceControl(folder, domain.number, (1, 2, 3), (), given) as control,
-        Official(domain.number) as official,
+        Desk(folder, (1, 2, 3), parameters={'finish_delays': '[0.2, 0.1]'}) as desk,
         Screen() as screen,
-        Console(folder, domain.number, screen) as console,
+        Console(folder, desk.domain, screen) as console,
     ):
-        yield Desk(control, official), console
+        yield desk, console
 
 
 @pytest.fixture

@@ -15,10 +15,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, StartBridge
-from evgp_testing.official import Official
-from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.race_control import address_of
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges
 import pytest
@@ -71,12 +69,10 @@ def the_room(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Room]:
     """Return race control, which no test here ends."""
     folder = tmp_path_factory.mktemp('race_control')
     with (
-        Domain() as domain,
-        RaceControl(folder, domain.number, [1], [2], {'red_alert': 0.1}) as control,
-        Official(domain.number) as official,
-        Health(domain.number) as health,
+        Desk(folder, [1], [2], {'red_alert': 0.1}) as desk,
+        Health(desk.domain) as health,
     ):
-        yield Room(Desk(control, official), folder / 'record.sqlite3', health)
+        yield Room(desk, folder / 'record.sqlite3', health)
 
 
 @pytest.fixture

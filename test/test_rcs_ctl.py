@@ -450,14 +450,10 @@ HEATS = {'Heat A': (1, 2), 'Final': (2, 3)}
 @pytest.fixture(scope='module')
 def the_desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
     """Return a race control with three karts for the tests that neither end nor freeze it."""
-    folder = tmp_path_factory.mktemp('lasting')
     parameters = {'finish_delays': '[0.1]', 'banner': 'REHEARSAL'}
-    with (
-        Domain() as domain,
-        RaceControl(folder, domain.number, (1, 2), (3,), parameters, heats=HEATS) as control,
-        Official(domain.number) as official,
-    ):
-        yield Desk(control, official, (1, 2))
+    folder = tmp_path_factory.mktemp('lasting')
+    with Desk(folder, (1, 2), (3,), parameters, heats=HEATS) as desk:
+        yield desk
 
 
 @pytest.fixture

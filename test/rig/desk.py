@@ -5,31 +5,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
+import pathlib
+from typing import Any
+
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
-from evgp_testing.official import Official
-from evgp_testing.race_control import RaceControl
+from evgp_testing.wire_race import WireRace
 
 
-class Desk:
-    """
-    Race control, and its official.
-
-    :param racing: the karts in the race at the beginning of each test.
-    """
+class Desk(WireRace):
+    """Race control and its official, with no kart. For the parameters, see ``WireRace``."""
 
     def __init__(
-        self, control: RaceControl, official: Official, racing: tuple[int, ...] = (1,)
+        self,
+        folder: pathlib.Path,
+        racing: Collection[int],
+        others: Collection[int] = (),
+        parameters: Mapping[str, object] | None = None,
+        **more: Any,
     ) -> None:
-        self.control, self.official, self._racing = control, official, racing
+        super().__init__(folder, racing, others, (*racing, *others), parameters, **more)
 
     def clear(self, *racing: int) -> None:
         """
         Have a race in the garage without a hold, whatever the test before has left.
 
-        :param racing: the karts in the race, if not the usual ones.
+        :param racing: the karts in the race, if not those of the beginning.
         """
-        official, racing = self.official, racing or self._racing
+        official, racing = self.official, racing or self.racing
         official.wait_for_race(
             lambda race: not any(kart.connected for kart in race.karts), 'every kart away'
         )
