@@ -18,7 +18,6 @@ import re
 import signal
 import subprocess
 import sys
-import threading
 import time
 from typing import Any
 
@@ -43,15 +42,13 @@ from evgp_rcs_msgs import msg, srv
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import freeze, Program
 from evgp_testing.race_control import Timekeeper, write_roster
-from evgp_testing.ros_side import bound, RosSide
+from evgp_testing.ros_side import joined, RosSide
 from evgp_timing import window
 from evgp_timing.corrections import CORRECTIONS
 from evgp_timing.desk import Answer, Desk, Roster, What
 from evgp_timing.laps import LapSettings
 from evgp_timing.timekeeper import asked_for
 import pytest
-import rclpy
-from rclpy.context import Context
 from rig.needs import cannot_run
 import test_desk
 
@@ -65,6 +62,11 @@ QtTest = importlib.import_module(QtCore.__name__.replace('QtCore', 'QtTest'))
 
 HEAT = 'Heat 1'
 TEAMS = {3: 'Georgia Tech', 7: 'Purdue'}
+
+KART = KartResult(7, 0, Status.RUNNING, 0, None, (), ())
+RESULTS = Standings(
+    1.0, 'run', 1, HEAT, karts=(KART,), races=(RaceOfEvent(1, HEAT, 1.0, 0, False),)
+)
 
 
 class Paper(test_desk.Event):
@@ -105,7 +107,6 @@ class Event(RosSide):
         self._race = publisher(msg.Race, '/rcs/race', latched(1))
         self._diagnostics = publisher(DiagnosticArray, '/diagnostics', 10)
         self._results = publisher(msg.Results, '/rcs/timekeeper/results', latched(1))
-        self.asked: list[Any] = []
 
     def state(self, banner: str = '') -> None:
         """Say that the race has been in GREEN_GREEN for 252 s."""
@@ -125,24 +126,15 @@ class Event(RosSide):
         """Publish results in the timekeeper's place."""
         self._results.publish(message_of(results, msg.Results))
 
-    def offer(self, act: Act, may_answer: threading.Event) -> None:
-        """Offer a service in the timekeeper's place, that answers once it may."""
-
-        def serve(request: Any, response: Any) -> Any:
-            self.asked.append(request)
-            may_answer.wait(PATIENCE)
-            response.success, response.message = True, 'kart 7 crossed the line: counted'
-            return response
-
-        entry = CORRECTIONS[act]
-        self.node.create_service(getattr(srv, entry.service_type), f'/rcs/{entry.service}', serve)
-
 
 class Window:
     """The window, as an official sees and uses it."""
 
     def __init__(
-        self, application: Any, give: window_widgets.Give, take: Callable[[Any], None]
+        self,
+        application: Any,
+        give: window_widgets.Give = lambda *_: None,
+        take: Callable[[Any], object] = lambda _: None,
     ) -> None:
         self._application = application
         self.window = window_widgets.TimekeeperWindow(give, take, 'Tina')
@@ -158,25 +150,30 @@ class Window:
     def text(self, name: str) -> str:
         return str(self.find(name).text())
 
+    def table(self, number: int) -> Any:
+        """Return a table: 0 is that of the results, 1 that of the crossings."""
+        return self.widget.findChildren(QtWidgets.QTableWidget)[number]
+
     def rows(self, number: int) -> list[list[str]]:
-        """Return what a table shows: 0 is that of the results, 1 that of the crossings."""
-        table = self.widget.findChildren(QtWidgets.QTableWidget)[number]
+        """Return what a table shows."""
+        table = self.table(number)
         return [
             [table.item(row, column).text() for column in range(table.columnCount())]
             for row in range(table.rowCount())
         ]
 
-    def click(self, number: int, row: int, column: int) -> None:
-        """Click a cell of a table."""
-        table = self.widget.findChildren(QtWidgets.QTableWidget)[number]
+    def mouse(self, act: str, number: int, row: int, column: int) -> None:
+        """Press, release or click the mouse on a cell of a table."""
+        table = self.table(number)
         middle = table.visualItemRect(table.item(row, column)).center()
-        QtTest.QTest.mouseClick(table.viewport(), QtCore.Qt.MouseButton.LeftButton, pos=middle)
+        left = QtCore.Qt.MouseButton.LeftButton
+        getattr(QtTest.QTest, f'mouse{act}')(table.viewport(), left, pos=middle)
 
     def correct(self, text: str, kart: str) -> None:
         """Click what the newest crossing of a kart offers."""
         row = [each[1] for each in self.rows(1)].index(kart)
         assert self.rows(1)[row][3] == text
-        self.click(1, row, 3)
+        self.mouse('Click', 1, row, 3)
 
     def press(self, text: str) -> None:
         """Press a button by what it says."""
@@ -260,11 +257,8 @@ def event(parts: contextlib.ExitStack, domain: int) -> Event:
 def seen(application: Any, event: Event, parts: contextlib.ExitStack, domain: int) -> Window:
     """Return the window with its client; it need not see a timekeeper yet."""
     event.spin()
-    context = Context()
-    with bound():
-        rclpy.init(context=context, domain_id=domain)
-        client = window.Client(context=context, use_global_arguments=False)
-    parts.callback(rclpy.try_shutdown, context=context)
+    context = parts.enter_context(joined(domain))
+    client = window.Client(context=context, use_global_arguments=False)
     parts.callback(client.close)
     return parts.enter_context(contextlib.closing(Window(application, client.give, client.take)))
 
@@ -299,30 +293,48 @@ def test_it_shows_the_race_and_what_the_timekeeper_asks(racing: Window, paper: P
 def test_a_karts_number_is_on_a_badge_and_a_correction_in_a_frame(racing: Window) -> None:
     racing.count('7')
     racing.until(lambda: racing.crossing('7'))
-    tables = racing.widget.findChildren(QtWidgets.QTableWidget)
-    for table, column in ((tables[0], 1), (tables[1], 1), (tables[1], 3)):
+    for table, column in ((racing.table(0), 1), (racing.table(1), 1), (racing.table(1), 3)):
         cell = table.visualItemRect(table.item(0, column))
         edge = table.viewport().grab(cell).toImage().pixelColor(6, cell.height() // 2)
         assert edge.name() == '#14171a'
 
 
-def test_a_timekeeper_that_hangs_is_told_and_nothing_is_sent_until_it_is_back(
-    seen: Window, event: Event, parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
+def test_a_correction_that_is_not_sent_or_not_answered_is_told_and_a_late_answer_too(
+    seen: Window,
+    event: Event,
+    parts: contextlib.ExitStack,
+    domain: int,
+    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(window_widgets, 'NO_ANSWER', 0.5)
+    seen.until(lambda: seen.rows(0), lambda: event.publish(RESULTS))
+    seen.count('7')
+    seen.until_said('LAP refused: the timekeeper was not found. Nothing was sent')
     write_roster(tmp_path, TEAMS)
     timekeeper = parts.enter_context(Timekeeper(tmp_path, domain, {}))
     event.state()
-    seen.until(lambda: seen.find('PENALISE').isEnabled() and 'GREEN' in seen.text('about'))
+    seen.until(lambda: not seen.rows(0) and 'GREEN' in seen.text('about'))
+    # What the two nodes know of each other is not known of the service at once.
+    seen.until(
+        lambda: 'LAP refused: no race has been started' in seen.text('said'),
+        lambda: 'not found' in seen.text('said') and seen.count('7'),
+    )
     freeze(timekeeper.pid)
     try:
+        seen.count('7')
+        seen.until_said('LAP: no answer for', 'Check the results before')
         seen.until(lambda: 'The timekeeper has been silent for 4 s' in seen.text('warning'))
         assert not seen.find('PENALISE').isEnabled()
         seen.count('7')
         seen.until_said('LAP was not sent: the timekeeper has been silent for')
     finally:
         timekeeper.signal(signal.SIGCONT)
+    seen.until_said('LAP refused: no race has been started')
     seen.until(lambda: seen.find('PENALISE').isEnabled())
     assert seen.text('warning') == ''
+    seen.count('9')
+    seen.until_said('There is no kart 9')
     seen.count('7')
     seen.until_said('LAP refused: no race has been started')
 
@@ -439,7 +451,7 @@ def test_a_penalty_needs_a_kart_a_cost_and_a_reason_and_a_row_that_was_clicked_i
     racing.until_said('UNDO PENALTY refused: kart 7 has no penalty')
     assert racing.find('said').property('bad')
 
-    racing.click(0, [each[1] for each in racing.rows(0)].index('7'), 2)
+    racing.mouse('Click', 0, [each[1] for each in racing.rows(0)].index('7'), 2)
     racing.press('Penalty…')
     racing.find('disqualified').setChecked(True)
     racing.type_('reason', 'not fit to race')
@@ -460,88 +472,53 @@ def test_results_are_published_once_the_race_is_over(racing: Window, paper: Pape
     racing.until(lambda: 'results published' in racing.text('about'))
 
 
-KART = KartResult(7, 0, Status.RUNNING, 0, None, (), ())
-RESULTS = Standings(
-    1.0, 'run', 1, HEAT, karts=(KART,), races=(RaceOfEvent(1, HEAT, 1.0, 0, False),)
-)
-
-
-def test_a_correction_that_is_not_sent_or_not_answered_is_told_and_a_late_answer_too(
-    seen: Window, event: Event, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(window_widgets, 'NO_ANSWER', 0.5)
-    again = lambda: event.publish(RESULTS)  # noqa: E731
-    seen.until(lambda: seen.rows(0), again)
-    seen.count('7')
-    seen.until_said('LAP refused: the timekeeper was not found. Nothing was sent')
-    may_answer = threading.Event()
-    event.offer(Act.COUNT, may_answer)
-    # What the two nodes know of each other is not known of the service at once.
-    seen.until(lambda: event.asked or seen.count('7'), again)
-    seen.until_said('LAP: no answer for', 'Check the results before', meanwhile=again)
-    may_answer.set()
-    seen.until_said('LAP: kart 7 crossed the line: counted', meanwhile=again)
-
-
 # ----- without DDS ----------------------------------------------------------------------------
 
 
 def test_a_click_is_of_the_crossing_that_was_pressed_or_of_none(application: Any) -> None:
     sent: list[Any] = []
-    shown = window_widgets.TimekeeperWindow(
-        lambda *given: sent.append(given), lambda _: None, 'Tina'
-    )
-    shown.widget.resize(1366, 768)
-    shown.widget.show()
 
     def judged(number: int, mark: Mark) -> Judged:
         return Judged(Passing('line', 'today', number, 7), 7, mark, 9.0 * number, 'twice')
 
     def tell(*passings: Judged) -> None:
-        shown.on_results(RESULTS._replace(passings=passings))
-
-    def mouse(act: str, row: int) -> None:
-        at = table.visualItemRect(table.item(row, 3)).center()
-        left = QtCore.Qt.MouseButton.LeftButton
-        getattr(QtTest.QTest, f'mouse{act}')(table.viewport(), left, pos=at)
+        shown.window.on_results(RESULTS._replace(passings=passings))
 
     struck, counted = judged(1, Mark.STRUCK), judged(2, Mark.COUNTED)
-    tell(struck, counted)
-    table = shown.widget.findChildren(QtWidgets.QTableWidget)[1]
-    while not table.isEnabled():  # once the window has seen that the results are fresh
-        application.processEvents(QtCore.QEventLoop.ProcessEventsFlag.WaitForMoreEvents)
-    mouse('Press', 1)
-    tell(struck, counted, judged(3, Mark.COUNTED))
-    mouse('Release', 1)
-    assert not sent
-    mouse('Click', 2)
-    assert [fields['number'] for _, _, fields, _ in sent] == [1]
-    # Another race: the rows are others.
-    mouse('Press', 2)
-    tell(judged(9, Mark.STRUCK))
-    assert table.rowCount() == 1
-    mouse('Release', 0)
-    mouse('Click', 0)
-    assert [fields['number'] for _, _, fields, _ in sent] == [1, 9]
-    shown.widget.deleteLater()
+    with contextlib.closing(Window(application, lambda *given: sent.append(given))) as shown:
+        tell(struck, counted)
+        shown.until(shown.table(1).isEnabled)  # once it has seen that the results are fresh
+        shown.mouse('Press', 1, 1, 3)
+        tell(struck, counted, judged(3, Mark.COUNTED))
+        shown.mouse('Release', 1, 1, 3)
+        assert not sent
+        shown.mouse('Click', 1, 2, 3)
+        assert [fields['number'] for _, _, fields, _ in sent] == [1]
+        # Another race: the rows are others.
+        shown.mouse('Press', 1, 2, 3)
+        tell(judged(9, Mark.STRUCK))
+        assert len(shown.rows(1)) == 1
+        shown.mouse('Release', 1, 0, 3)
+        shown.mouse('Click', 1, 0, 3)
+        assert [fields['number'] for _, _, fields, _ in sent] == [1, 9]
 
 
 def test_a_row_that_was_clicked_stays_that_of_its_kart_when_the_order_changes(
     application: Any,
 ) -> None:
-    shown = window_widgets.TimekeeperWindow(lambda *_: None, lambda _: None, 'Tina')
     three, seven = (KartResult(number, 0, Status.RUNNING, 1, 9.0, (9.0,), ()) for number in (3, 7))
-    shown.on_results(RESULTS._replace(karts=(three, seven)))
-    table = shown.widget.findChildren(QtWidgets.QTableWidget)[0]
-    table.setCurrentCell(1, 0)
-    shown.on_results(RESULTS._replace(karts=(seven, three)))
-    shown._ask(Act.PENALISE)
-    assert shown.widget.findChild(QtWidgets.QComboBox, 'kart').currentData() == 7
-    assert {each.row() for each in table.selectedItems()} == {0}
-    # In a race without kart 7, no kart is chosen.
-    shown.on_results(RESULTS._replace(karts=(three,)))
-    assert table.currentRow() == -1
-    shown.widget.deleteLater()
+    with contextlib.closing(Window(application)) as shown:
+        tell = lambda *karts: shown.window.on_results(RESULTS._replace(karts=karts))  # noqa: E731
+        tell(three, seven)
+        table = shown.table(0)
+        table.setCurrentCell(1, 0)
+        tell(seven, three)
+        shown.window._ask(Act.PENALISE)
+        assert shown.find('kart').currentData() == 7
+        assert {each.row() for each in table.selectedItems()} == {0}
+        # In a race without kart 7, no kart is chosen.
+        tell(three)
+        assert table.currentRow() == -1
 
 
 # ----- the process ----------------------------------------------------------------------------
