@@ -536,7 +536,8 @@ def test_what_was_pressed_while_the_window_hung_starts_no_race(open_beside: Open
         console.wait_for('status', text=told)
         assert kart.state is GRID_ACTIVE
         console.wait_for('question', visible=False)
-    # It was said to press it again, and that does.
+    # It was said to press it again, and that does, once race control knows of the window again.
+    console.wait_for('strip', text='1 official can stop')
     console.ask('F3')
     console.press('y', see='state', text='GREEN GREEN')
     kart.wait_for_state(GREEN_GREEN)
