@@ -4,8 +4,8 @@
 """
 What the console's questions say a command does, held against what the rules then do.
 
-The race goes at random through the real rules; before each command that asks, the console reads
-the race as it is published. All tests look at the same races.
+The race goes at random through the real rules; before each command that asks, the console sees
+the race as it is then. All tests look at the same races.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ import pickle
 import random
 from typing import NamedTuple
 
-from evgp_node.codec import message_of, value_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.ros.node import _asked_for
+from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, kinds_by_service
+from evgp_rcs.rules.inputs import Setup
 from evgp_rcs.rules.race import (
     Command,
     Doubt,
     Entrant,
-    Kart,
     KartMemory,
     LastRun,
     NO_RACE_ANYWHERE,
@@ -33,13 +33,12 @@ from evgp_rcs.rules.race import (
     Roster,
 )
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot, snapshot_of
-from evgp_rcs_console.client import request_message, spoken
+from evgp_rcs_console.client import request_message
 from evgp_rcs_console.commands import Given, shows
 from evgp_rcs_console.questions import Effects
 from evgp_rcs_console.view import Button, Screen
-from evgp_rcs_msgs import msg
 import pytest
-from recorded_races import as_seen
+from recorded_races import PaperRace
 from rig.seed import dice_of
 
 WALKS = 60
@@ -70,11 +69,6 @@ CONFIRMS_ALSO = {CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK}
 """What the question of IN GARAGE also offers: after the MSR was used, or otherwise."""
 
 
-def published(race: Race, now: float) -> Snapshot:
-    """Return the race as a console reads it."""
-    return value_of(message_of(snapshot_of(race, now), msg.Race), Snapshot, spoken)
-
-
 def received(given: Given) -> Command:
     """Return a console's command as race control receives it."""
     kinds = kinds_by_service()[CATALOGUE[given.command].service]
@@ -85,7 +79,7 @@ class Question(NamedTuple):
     """
     A command that asks and can be given: what the window says that it does, and the race it is in.
 
-    ``shown`` is that race as the console reads it; ``race`` is pickled, since it goes on.
+    ``shown`` is that race as the console sees it; ``race`` is pickled, since it goes on.
     """
 
     button: Button
@@ -95,20 +89,18 @@ class Question(NamedTuple):
     now: float
 
 
-class Walk:
+class Walk(PaperRace):
     """A race that goes where the chance lead it."""
 
     def __init__(self, chance: random.Random) -> None:
         """Begin in the garage, some karts in the race."""
         self.chance = chance
-        self.now = 1.0
-        karts = [Kart(number, f'T{number}', in_race=chance.random() < 0.6) for number in NUMBERS]
-        self.race = Race(karts, RaceTimes(finish_delays=(0.5,)), now=self.now)
+        karts = tuple(Entrant(each, f'T{each}', chance.random() < 0.6) for each in NUMBERS)
+        super().__init__({}, setup=Setup(karts, RaceTimes(finish_delays=(0.5,)), (), 1.0))
         if chance.random() < 0.3:
-            self.race.recover(self._left_behind(), chance.choice(list(LastRun)), self.now)
-        for number in NUMBERS:
-            if chance.random() < 0.8:
-                self.race.connected(number, self.now)
+            last = chance.choice([*LastRun])
+            self.feed(inputs.Recovered(self.now, self._left_behind(), last))
+        self.connect(*(number for number in NUMBERS if chance.random() < 0.8))
 
     def _left_behind(self) -> RaceMemory:
         """Return what a race control that was killed may have left."""
@@ -124,48 +116,34 @@ class Walk:
 
     def step(self) -> None:
         """Do one thing, most often what a race is made of."""
-        chance, race = self.chance, self.race
+        chance, number = self.chance, self.chance.choice(NUMBERS)
         self.now += chance.choice((0.1, 0.1, 1.0, 20.0))
-        number = chance.choice(NUMBERS)
-        kart = race.karts[number]
         what = chance.random()
         if what < 0.2:
-            race.connected(number, self.now)
+            self.connect(number)
         elif what < 0.27:
-            race.disconnected(number, 'it went', self.now)
+            self.lose(number)
         elif what < 0.55:
-            for each in race.karts.values():
+            for each in NUMBERS:
                 if chance.random() < 0.9:
-                    race.heard(each.number, each.serial, each.sent, self.now)
+                    self.say(each)
         elif what < 0.6:
-            race.heard(number, kart.serial, chance.choice(list(RaceState)), self.now)
+            self.say(number, chance.choice(list(RaceState)))
         elif what < 0.65:
-            race.tick(self.now)
+            self.feed(inputs.Tick(self.now))
         else:
-            self.command(
-                NEXT[race.state] if chance.random() < 0.5 else chance.choice(list(CommandKind)),
-                number,
-            )
-
-    def command(self, kind: CommandKind, number: int) -> None:
-        """
-        Give a command as one does who saw the race and states whatever is asked.
-
-        If it is accepted, the console sees its result in the race.
-        """
-        kart = number if CATALOGUE[kind].to_one_kart else 0
-        outcome = self.race.command(
-            as_seen(self.race, kind, kart, self.now, roster=READ), self.now
-        )
-        self.race.saved(self.race.memory().gridded)
-        assert outcome.answer is not None
-        if outcome.answer.success:
-            pressed = Given(kind, kart)
-            assert shows(snapshot_of(self.race, self.now), pressed), (kind, outcome.answer)
+            usual = chance.random() < 0.5
+            kind = NEXT[self.race.state] if usual else chance.choice(list(CommandKind))
+            kart = number if CATALOGUE[kind].to_one_kart else 0
+            answer = self.command(kind, kart, roster=READ).answer
+            assert answer is not None
+            if answer.success:  # the console sees its result in the race
+                shown = snapshot_of(self.race, self.now)
+                assert shows(shown, Given(kind, kart)), (kind, answer)
 
     def questions(self) -> Iterator[Question]:
         """Yield every command that asks and can be given now."""
-        race, shown = pickle.dumps(self.race), published(self.race, self.now)
+        race, shown = pickle.dumps(self.race), snapshot_of(self.race, self.now)
         for button in Screen(shown, 0.0, {}).buttons:
             if button.command in ASKING and button.enabled:
                 yield Question(button, button.question.effects, shown, race, self.now)
