@@ -30,9 +30,7 @@ from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges
 import pytest
-from rig import browser as rig_browser
 from rig.browser import Browser
-from rig.needs import cannot_run
 from test_security import allowed, in_graph
 from test_server import Board
 
@@ -56,8 +54,6 @@ def start_board(parts: contextlib.ExitStack) -> StartBoard:
 
 @pytest.fixture
 def browser() -> Iterator[Browser]:
-    if why := rig_browser.missing():
-        cannot_run(why)
     with Browser(1920, 1080) as made:
         made.open_page()
         yield made
