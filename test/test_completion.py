@@ -13,7 +13,6 @@ import sys
 
 from evgp_rcs.rcs_record import WAYS
 from evgp_rcs_console.command_line import COMMANDS
-from evgp_testing.domains import Domain
 from evgp_testing.process import executable
 import pytest
 
@@ -36,8 +35,10 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def completed(package: str, program: str, line: str) -> set[str]:
+def completed(line: str) -> set[str]:
     """Return what the shell offers behind a line."""
+    program, *_ = line.split()
+    package = {'rcs_ctl': 'evgp_rcs_console', 'rcs_record': 'evgp_rcs'}[program]
     folders = [
         pathlib.Path(executable(package, program)).parent,
         pathlib.Path(sys.executable).parent,
@@ -53,36 +54,30 @@ def completed(package: str, program: str, line: str) -> set[str]:
     return {each.strip() for each in done.stdout.splitlines()} - {''}
 
 
-def ctl(line: str) -> set[str]:
-    return completed('evgp_rcs_console', 'rcs_ctl', line)
+@pytest.mark.parametrize(
+    ('line', 'offered'),
+    [
+        ('rcs_ctl ', {*COMMANDS, 'watch', 'results'}),
+        ('rcs_ctl kart-r', {'kart-red-red', 'kart-red-flag'}),
+        ('rcs_ctl grid-active --', {'--track-is-clear'}),
+        ('rcs_record ', {*WAYS}),
+        ('rcs_record --', {'--list', '--run'}),
+        ('rcs_record report --', {'--event', '--output'}),
+    ],
+)
+def test_every_command_way_and_option_that_fits_is_offered(line: str, offered: set[str]) -> None:
+    found = completed(line)
+
+    assert found >= offered
+    assert all(each.startswith(line.split(' ')[-1]) for each in found)
 
 
-def record(line: str) -> set[str]:
-    return completed('evgp_rcs', 'rcs_record', line)
-
-
-def test_every_command_of_an_official_is_offered() -> None:
-    assert {*COMMANDS, 'watch', 'results'} <= ctl('rcs_ctl ')
-    assert ctl('rcs_ctl kart-r') == {'kart-red-red', 'kart-red-flag'}
-
-
-def test_the_options_of_a_command_are_offered() -> None:
-    assert '--track-is-clear' in ctl('rcs_ctl grid-active --')
-
-
-def test_what_can_be_done_with_a_record_is_offered() -> None:
-    assert set(WAYS) <= record('rcs_record ')
-    assert {'--list', '--run'} <= record('rcs_record --')
-    assert {'--event', '--output'} <= record('rcs_record report --')
-
-
-def test_a_question_of_the_shell_gives_no_command() -> None:
-    with Domain() as domain:
-        done = subprocess.run(
-            [executable('evgp_rcs_console', 'rcs_ctl'), 'all-kill'],
-            env={**os.environ, 'ROS_DOMAIN_ID': str(domain.number), '_ARGCOMPLETE': '1'},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+def test_a_question_of_the_shell_gives_no_command(domain: int) -> None:
+    done = subprocess.run(
+        [executable('evgp_rcs_console', 'rcs_ctl'), 'all-kill'],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain), '_ARGCOMPLETE': '1'},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert 'ALL KILL' not in done.stdout + done.stderr
