@@ -25,6 +25,7 @@ from evgp_node.qos import latched
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.ros.messages import message_of
+from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.snapshot import snapshot_of
@@ -356,18 +357,6 @@ def test_screenshots_of_every_state(
     assert len(list(folder.glob('*.png'))) >= 9
 
 
-LINKS = {
-    number: NOT_MEASURED._replace(grade=grade, worst_answer=worst, round_trip=0.004)
-    for number, grade, worst in (
-        (1, Grade.GOOD, 0.05),
-        (2, Grade.FAIR, 0.24),
-        (3, Grade.POOR, 0.62),
-        (4, Grade.GOOD, 0.05),
-    )
-}
-"""How good the link of each kart is; kart 5 is lost."""
-
-
 def race_with_links() -> msg.Race:
     """Return a race by the rules, 34 s after GREEN_GREEN, which kart 3 has not acknowledged."""
     paper = PaperRace(TEAMS)
@@ -381,8 +370,14 @@ def race_with_links() -> msg.Race:
     paper.wait(23.0)
     paper.lose(5)
     paper.wait(8.0)
-    for number, link in LINKS.items():
-        paper.take(paper.race.measured(number, link, paper.now))
+    for number, grade, worst in (
+        (1, Grade.GOOD, 0.05),
+        (2, Grade.FAIR, 0.24),
+        (3, Grade.POOR, 0.62),
+        (4, Grade.GOOD, 0.05),
+    ):
+        link = NOT_MEASURED._replace(grade=grade, worst_answer=worst, round_trip=0.004)
+        paper.feed(inputs.Measured(paper.now, number, link))
     paper.wait(1.0)
     clock_ns = time.time_ns() - round(paper.now * 1e9)
     race: msg.Race = message_of(snapshot_of(paper.race, paper.now), msg.Race, clock_ns)
