@@ -618,9 +618,10 @@ def test_a_heat_is_put_into_the_race_by_its_name_and_watch_lists_the_heats(desk:
 
 
 def test_a_watch_that_hangs_says_so_and_ends(tmp_path: pathlib.Path, lasting: RaceControl) -> None:
-    where = 'from evgp_rcs_console import ctl_ros\nctl_ros.table'  # once it shows the race
+    where = 'from evgp_rcs_console import client\nclient.Client.announce'  # with the race shown
+    words = 'watch', '--wait', '3600'  # what it waits for at first is no limit any more
 
-    done = run_hanging(tmp_path / 'hung', lasting.domain, where, 'watch')
+    done = run_hanging(tmp_path / 'hung', lasting.domain, where, *words)
 
     assert done.returncode == NOT_THERE
     assert 'USE THE MSR (ROS has hung; ROS domain' in done.stderr
