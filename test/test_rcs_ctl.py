@@ -677,7 +677,7 @@ def test_a_stop_is_sent_although_the_disk_is_full(lasting: RaceControl) -> None:
     assert done == ACCEPTED
 
 
-def test_a_command_that_cannot_be_sent_is_said_not_to_be_sent_and_stops_still_are(
+def test_a_command_or_an_announcement_that_cannot_be_sent_keeps_no_stop_from_being_sent(
     lasting: RaceControl, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nor does an announcement, as by a wall clock past 2038, which may be right again later."""
