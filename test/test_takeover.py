@@ -66,8 +66,13 @@ class Event(Masters):
                 )
             )
 
+    @property
+    def home(self) -> pathlib.Path:
+        """Return the folder of the spare's ROS, whose name has what YAML may take for its own."""
+        return self.folder / r"Anna's\new"
+
     def _environment(self) -> dict[str, str]:
-        return {**os.environ, 'ROS_HOME': str(self.folder / 'ros')}
+        return {**os.environ, 'ROS_HOME': str(self.home)}
 
 
 @pytest.fixture
@@ -115,7 +120,7 @@ def test_a_spare_takes_over_and_sends_every_kart_red_red_and_ends_when_the_first
 
 
 def test_nothing_is_taken_over_while_the_first_may_be_there_on_any_network(
-    event: Event, monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path
+    event: Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refused() -> str:
         with event.take_over() as takeover:
@@ -134,7 +139,7 @@ def test_nothing_is_taken_over_while_the_first_may_be_there_on_any_network(
     assert "race control answers on the officials' network" in refused()
     # Its race control is gone, and would start again, or was frozen and goes on.
     control.lose_power()
-    (tmp_path / 'ros' / 'evgp_rcs' / 'spare' / ORIGIN).write_text(FIRST)
+    (event.home / 'evgp_rcs' / 'spare' / ORIGIN).write_text(FIRST)
     assert FIRST in refused()
     event.plug('first-officials', up=False)
     event.plug('spare-karts', up=False)

@@ -103,12 +103,18 @@ def held(address: ipaddress.IPv4Interface, interface: str) -> Iterator[None]:
         yield
 
 
+def _parameter(name: str, path: pathlib.Path) -> list[str]:
+    """Return the words that set a parameter to a path, which ROS reads as YAML."""
+    quoted = str(path).replace("'", "''")
+    return ['-p', f"{name}:='{quoted}'"]
+
+
 @contextlib.contextmanager
 def timekeeper(copy: pathlib.Path) -> Iterator[None]:
     """Keep the timekeeper running beside race control, with the roster and book of a copy."""
     python = ['setpriv', '--pdeathsig', 'TERM', sys.executable, '-m', 'evgp_node.restarting']
     command = [sys.executable, '-m', 'evgp_timing.timekeeper', '--ros-args']
-    command += ['-p', f'roster:="{copy / ROSTER}"', '-p', f'book:="{copy / BOOK}"']
+    command += [*_parameter('roster', copy / ROSTER), *_parameter('book', copy / BOOK)]
     with subprocess.Popen([*python, *command]) as program:
         try:
             yield
@@ -150,7 +156,7 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
         )
         command = [str(pathlib.Path(sys.argv[0]).with_name('rcs_node')), '--ros-args']
         command += ['--params-file', str(copy / PARAMETERS), '-p', f'address:={own}']
-        command += ['-p', f'roster:="{copy / ROSTER}"', '-p', f'record:="{copy / RECORD}"']
+        command += [*_parameter('roster', copy / ROSTER), *_parameter('record', copy / RECORD)]
         with timekeeper(copy):
             code = keep_running([*command, '-p', f'port:={port}'], gives_way=True)
     if code == IN_THE_WAY:
