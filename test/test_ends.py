@@ -27,9 +27,8 @@ ENDS = 100
 """With `executor.shutdown()` beside the spinning thread, 12 of 1,000 ends raised."""
 
 
-@pytest.mark.parametrize('only_serves', [False, True])
 def test_a_spinning_thread_that_is_stopped_amid_callbacks_ends_without_an_error(
-    parts: contextlib.ExitStack, only_serves: bool
+    parts: contextlib.ExitStack,
 ) -> None:
     context = parts.enter_context(joined(parts.enter_context(Domain()).number))
     busy = Node('busy', context=context, use_global_arguments=False)
@@ -52,10 +51,9 @@ def test_a_spinning_thread_that_is_stopped_amid_callbacks_ends_without_an_error(
     for at in range(ENDS):
         node = Node('ending', context=context, use_global_arguments=False)
         node.create_service(Trigger, '/called', lambda _, response: response)
-        if not only_serves:
-            node.create_subscription(Bool, '/busy', lambda _: None, 10)
-            node.create_timer(0.0005, lambda: None)
-        spinning = Spinning(node, failures.append, only_serves)
+        node.create_subscription(Bool, '/busy', lambda _: None, 10)
+        node.create_timer(0.0005, lambda: None)
+        spinning = Spinning(node, failures.append)
         time.sleep(0.002 * (at % 7))  # the moment of the end differs
         assert spinning.stop(PATIENCE)
         node.destroy_node()

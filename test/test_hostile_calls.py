@@ -290,31 +290,28 @@ def test_a_stop_acts_whatever_its_official_is_called(
 class Broken(RosSide):
     """A node whose callbacks raise."""
 
-    def __init__(self, domain: int, only_serves: bool = False) -> None:
-        """Offer a service that raises; listen to a topic so, unless it only serves."""
+    def __init__(self, domain: int) -> None:
+        """Offer services that raise or cannot be answered, and listen to a topic so."""
         super().__init__('broken', domain)
         self.node.create_service(Trigger, '~/call', self._raise)
         self.node.create_service(Trigger, '~/unsendable', lambda *_: 'no response')
-        if not only_serves:
-            self.node.create_subscription(Bool, '~/topic', self._raise, 10)
+        self.node.create_subscription(Bool, '~/topic', self._raise, 10)
         # Whoever takes a request of it gets into trouble, as with one that cannot be read.
         unreadable = self.node.create_service(Trigger, '~/unreadable', self._raise)
         unreadable.srv_type = type('Unreadable', (), {'Request': int, 'Response': int})
-        self.spin(only_serves)
+        self.spin()
 
     def _raise(self, *_: object) -> None:
         raise ArithmeticError('broken')
 
 
-@pytest.mark.parametrize('only_serves', [False, True])
 def test_a_service_of_ours_that_raises_answers_no_and_says_what_to_do(
     parts: contextlib.ExitStack,
     domain: int,
     join_hostile: Callable[[int], Hostile],
     capfd: pytest.CaptureFixture[str],
-    only_serves: bool,
 ) -> None:
-    broken = parts.enter_context(Broken(domain, only_serves))
+    broken = parts.enter_context(Broken(domain))
     hostile = join_hostile(domain)
 
     for _ in range(2):
@@ -325,7 +322,6 @@ def test_a_service_of_ours_that_raises_answers_no_and_says_what_to_do(
     assert 'ArithmeticError: broken' in capfd.readouterr().err
 
 
-@pytest.mark.parametrize('only_serves', [False, True])
 @pytest.mark.parametrize(
     ('name', 'said'),
     [
@@ -338,11 +334,10 @@ def test_a_call_that_cannot_be_read_or_answered_is_dropped_and_locks_no_other_ca
     domain: int,
     join_hostile: Callable[[int], Hostile],
     capfd: pytest.CaptureFixture[str],
-    only_serves: bool,
     name: str,
     said: str,
 ) -> None:
-    broken = parts.enter_context(Broken(domain, only_serves))
+    broken = parts.enter_context(Broken(domain))
     hostile = join_hostile(domain)
     dropped = hostile.client(f'/broken/{name}', Trigger)
     assert dropped.wait_for_service(hostile.timeout)
@@ -356,10 +351,9 @@ def test_a_call_that_cannot_be_read_or_answered_is_dropped_and_locks_no_other_ca
     assert not broken.failures
 
 
-@pytest.mark.parametrize('only_serves', [False, True])
-def test_a_context_that_is_shut_down_under_the_spinning_is_a_failure(only_serves: bool) -> None:
+def test_a_context_that_is_shut_down_under_the_spinning_is_a_failure() -> None:
     with Domain() as domain:
-        broken = Broken(domain.number, only_serves)
+        broken = Broken(domain.number)
         rclpy.shutdown(context=broken.context)
         broken.wait_until_polled(lambda: broken.failures, 'the failure is told')
 

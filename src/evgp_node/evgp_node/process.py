@@ -169,10 +169,7 @@ def _run(
         traceback.print_exc()
         return 1, rclpy.try_shutdown
     end_within(HANGS, 1)
-    spinning = [
-        Spinning(node, fail),
-        *(Spinning(each, fail, only_serves=True) for each in node.beside),
-    ]
+    spinning = [Spinning(each, fail) for each in (node, *node.beside)]
     # The node and ROS stay until the end, and garbage collection among them would block everything
     # for 20 ms.
     gc.collect()

@@ -10,7 +10,7 @@ import threading
 import traceback
 from typing import Any
 
-from evgp_node.rclpy_private import Executor, Server, UNREADABLE_LOG_AGAIN
+from evgp_node.rclpy_private import Executor, UNREADABLE_LOG_AGAIN
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -27,20 +27,14 @@ class Spinning:
 
     :param node: the node, which must already have all its services.
     :param on_failure: called with the error, in the thread, when the thread cannot go on.
-    :param only_serves: whether the node only offers services, so that calls are answered faster.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        on_failure: Callable[[BaseException], None],
-        only_serves: bool = False,
-    ) -> None:
+    def __init__(self, node: Node, on_failure: Callable[[BaseException], None]) -> None:
         self._on_failure = on_failure
         self._ending = threading.Event()
         for service in node.services:
             service.callback = _refusing(node, service)
-        self._executor = Server(node) if only_serves else Executor(node)
+        self._executor = Executor(node)
         self._thread = threading.Thread(target=self._run, name='executor', daemon=True)
         self._thread.start()
 

@@ -55,13 +55,9 @@ class RosSide(Part):
             fence_graph()
         self._spinning: Spinning | None = None
 
-    def spin(self, only_serves: bool = False) -> None:
-        """
-        Start to receive. Call this once everything is subscribed.
-
-        :param only_serves: see ``Spinning``.
-        """
-        self._spinning = Spinning(self.node, self.failures.append, only_serves)
+    def spin(self) -> None:
+        """Start to receive. Call this once everything is subscribed."""
+        self._spinning = Spinning(self.node, self.failures.append)
 
     def hear(self, kind: type, topic: str, qos: QoSProfile | int = 10) -> list[Any]:
         """Return a list to which every message of a topic is added from now on."""
