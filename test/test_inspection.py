@@ -391,14 +391,3 @@ def test_make_ends_with_the_exit_code_of_the_inspection() -> None:
         for words in ('--list', '--only K-9')
     ]
     assert makes == [Exit.PASSED, Exit.NOT_PASSED]
-
-
-def test_it_runs_from_a_clone_with_the_standard_library_only() -> None:
-    done = subprocess.run(
-        [sys.executable, '-I', '-S', str(ROOT / 'src/evgp_inspection'), 'kart', '--list'],
-        env={},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert 'K-3A-01' in done.stdout
