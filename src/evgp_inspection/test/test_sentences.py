@@ -61,6 +61,17 @@ def test_a_word_that_can_answer_an_earlier_order_counts_for_that_one() -> None:
     assert acknowledged(*events, said, late)
 
 
+def test_a_word_that_nothing_follows_answers_the_last_order() -> None:
+    def frames(since: float) -> list[Event]:
+        return [Event(since + 0.05 * n, Kind.SENT, 1, encode(RED_RED)) for n in range(50)]
+
+    first, *orders = told((3.0, IN_GARAGE), (3.1, RED_RED), read=True)
+    word = Event(3.25, Kind.SAID, 1, encode(RED_RED))
+    told_so = sorted([*frames(0.25), *orders, word], key=lambda event: event.at)
+    assert not acknowledged(first, *told_so)
+    assert acknowledged(first, *told_so, *frames(3.3))
+
+
 def test_a_pause_shows_that_a_kart_has_read_what_its_tcp_had_but_a_hold_up_is_none() -> None:
     before = told((1.0, IN_GARAGE), read=True)
     order = [Event(5.0, Kind.SENT, 1, encode(RED_RED)), Event(5.1, Kind.UNANSWERED, 1)]
