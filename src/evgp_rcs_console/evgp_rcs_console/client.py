@@ -29,7 +29,7 @@ from evgp_node.codec import value_of
 from evgp_node.graph import fence_graph, reachable_in_words
 from evgp_node.official import MOST_OF_NAME
 from evgp_node.process import wait_until_heard
-from evgp_node.qos import latched
+from evgp_node.qos import latched, volatile
 from evgp_node.rclpy_private import RCLError
 from evgp_node.results import Standings
 from evgp_node.spinning import Spinning
@@ -54,13 +54,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    qos_profile_services_default,
-    QoSProfile,
-    ReliabilityPolicy,
-)
+from rclpy.qos import qos_profile_services_default
 
 _Read = TypeVar('_Read')
 
@@ -112,20 +106,10 @@ PRESENCE_PERIOD = 0.5
 """Time between two announcements of presence, in seconds. After 2 s without one, race control
 treats the program as gone."""
 
-ANNOUNCE_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=10,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
+ANNOUNCE_QOS = volatile(10)
 """QoS of ``rcs/presence``."""
 
-STOP_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
+STOP_QOS = volatile(1)
 """
 QoS of the clients that call the stops to more than one kart.
 
