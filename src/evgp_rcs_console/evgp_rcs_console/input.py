@@ -250,7 +250,7 @@ class Mouse:
         self._window, self._bottom = presses.window, presses.window.bottom
         self._active_since: float | None = None
         self._brought_forward = False
-        self._held: CommandButton | None = None
+        self._held: QtWidgets.QAbstractButton | None = None
         self._under: QtWidgets.QWidget | None = None
 
     def take_activation(self, active: bool) -> None:
@@ -283,9 +283,10 @@ class Mouse:
         released = kind == QtCore.QEvent.Type.MouseButtonRelease
         held, self._held = self._held, None
         if released:
-            if age >= STALE:
-                self._let_go(age)
-            elif held is not None and held is not target:
+            if age >= STALE and held in self._window.findChildren(QtWidgets.QAbstractButton):
+                held.setDown(False)
+                self._late.drop(_called(held), age)
+            elif isinstance(held, CommandButton) and held is not target:
                 why = 'the pointer had left the button. Click again.'
                 self._bottom.say_unsent(_called(held), why)
             return False
@@ -309,7 +310,7 @@ class Mouse:
             # A button may have appeared since the first press of a double click; the second press
             # is not meant for that button.
             return button is not None
-        self._held = button if isinstance(button, CommandButton) else None
+        self._held = button
         return False
 
     def _point_at(self, widget: QtWidgets.QWidget | None) -> None:
@@ -319,13 +320,6 @@ class Mouse:
             widget = widget.parentWidget()
         if before is not self._under:
             self._bottom.move(before, widget)
-
-    def _let_go(self, age: float) -> None:
-        """Cancel the press of a button that was pressed in time but released too late."""
-        for button in self._window.findChildren(QtWidgets.QAbstractButton):
-            if button.isDown() and not self._window.is_stop(button):
-                button.setDown(False)
-                self._late.drop(_called(button), age)
 
 
 def _called(button: QtWidgets.QAbstractButton) -> str:
