@@ -121,15 +121,6 @@ look = Look()
 """The look of this process's only window."""
 
 
-def scale(width: int, height: int) -> float:
-    """
-    Return the scale for a window, relative to one of 1366 by 768.
-
-    On a desktop that enlarges everything by 150 %, the window is smaller by that, in finer dots.
-    """
-    return max(0.6, min(width / 1366, height / 768))
-
-
 def sheet() -> str:
     """Return the style sheet of the window, which selects the look of a widget by its marks."""
     colours, px = look.palette, look.px

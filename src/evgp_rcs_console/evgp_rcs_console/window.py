@@ -165,7 +165,7 @@ class ConsoleWindow(QtWidgets.QWidget):
 
     def fit(self) -> None:
         """Adapt all areas and sheets to the size of the window and to the palette."""
-        look.by = style.scale(self.width(), self.height())
+        look.by = max(0.6, min(self.width() / 1366, self.height() / 768))
         if self._style != (look.by, look.palette):
             self._style = look.by, look.palette
             QtWidgets.QApplication.setFont(font(look.px(style.TEXT)))
