@@ -165,13 +165,8 @@ SETTLED = 1.0
 """Time after an answer from which every snapshot that arrives is newer than the answer, in
 seconds. Race control publishes a snapshot at least every 0.5 s."""
 
-
 Holds = Callable[[Screen], bool]
 """Returns whether a screen agrees with a message."""
-
-
-def _always(_: Screen) -> bool:
-    return True
 
 
 def _barred(command: Kind, kart: int, by_letter: bool = False) -> Holds:
@@ -195,14 +190,15 @@ class BottomLine:
         self._label, self._unanswered = label, unanswered
         self._message = Cell('Ready.  F1 shows the keys.')
         self._said_at = 0.0
-        self._holds: Holds = _always
+        self._holds: Holds | None = None
         self._pointed: object = None
 
-    def say(self, text: str, tone: Tone = Tone.PLAIN, holds: Holds = _always) -> None:
+    def say(self, text: str, tone: Tone = Tone.PLAIN, holds: Holds | None = None) -> None:
         """
         Replace the last message with a new one, and put the time of day before it.
 
-        :param holds: returns whether a screen agrees with the message. If not, the line clears.
+        :param holds: returns whether a screen agrees with the message. If not, the line clears;
+            without this, the message stays.
         """
         at, self._said_at = time_of_day(time.time()), clock.now()
         self._message = Cell(f'{at}  {text}' if text else '', tone)
@@ -235,7 +231,7 @@ class BottomLine:
 
         :param heard_at: when that snapshot arrived, in seconds.
         """
-        if heard_at - self._said_at >= SETTLED and not self._holds(screen):
+        if self._holds and heard_at - self._said_at >= SETTLED and not self._holds(screen):
             self.say('')
 
     def point_at(self, widget: object) -> None:
