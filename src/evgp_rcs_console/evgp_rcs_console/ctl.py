@@ -25,16 +25,7 @@ from evgp_node.official import tidy
 from evgp_protocol.clock import now
 from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE
-from evgp_rcs_console.command_line import (
-    COMMANDS,
-    Exit,
-    NO_STOP_SENT,
-    NOTHING_SENT,
-    parse,
-    parser,
-    STARTING,
-    Told,
-)
+from evgp_rcs_console.command_line import COMMANDS, Exit, parse, parser, STARTING, Told
 from evgp_rcs_console.commands import Given
 from evgp_rcs_console.settings import keep, kept, MOST_BYTES, NAME
 
@@ -92,8 +83,7 @@ def _work(given: Sequence[str], wanted: argparse.Namespace) -> int:
                 told = told._replace(code=Exit.ACCEPTED)
             elif wanted.command in COMMANDS and not (told.output or told.error):
                 # After sending, ctl_ros says what is known.
-                stop = CATALOGUE[COMMANDS[wanted.command]].stop
-                told = Told(Exit.NOT_THERE, error=NO_STOP_SENT if stop else NOTHING_SENT)
+                told = Told(Exit.NOT_THERE, error=wanted.parser.unsent)
         except BrokenPipeError:
             told = told._replace(code=Exit.ACCEPTED)  # the reader of a watch has closed the pipe
         except Exception:  # noqa: BLE001 - tell the official
