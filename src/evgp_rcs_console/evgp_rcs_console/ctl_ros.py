@@ -311,14 +311,13 @@ class Terminal:
         if found.karts or found.overall:
             lines += aligned(results.table(found, teams))
         lines += [f'For the timekeeper: {each}' for each in found.questions]
-        if found.races:
-            headings = 'Races: number, time the grid formed, heat, classified karts'
-            lines += ['', headings, *aligned(results.races(found))]
-        if found.passings:
-            headings = (
-                'Passings: time since GREEN GREEN, kart, source, session and number, outcome'
-            )
-            lines += ['', headings, *aligned(results.passings(found))]
+        races = 'Races: number, time the grid formed, heat, classified karts'
+        passings = 'Passings: time since GREEN GREEN, kart, source, session and number, outcome'
+        for headings, listed in (
+            (races, results.races(found)),
+            (passings, results.passings(found)),
+        ):
+            lines += ['', headings, *aligned(listed)] if listed else []
         return _under_banner(Told(Exit.ACCEPTED, '\n'.join(lines)), race)
 
     def watch_events(self, alive: Callable[[], object]) -> Told:
