@@ -82,12 +82,7 @@ class Sources:
         self._falls: deque[float] = deque(maxlen=2)
 
     def are_two(self, number: int | None, now: float) -> bool:
-        """
-        Return whether there are two race controls.
-
-        :param number: sequence number of the snapshot that has just arrived; None if unknown.
-        :param now: when that snapshot arrived, in seconds.
-        """
+        """Return whether there are two, once a snapshot with this number arrives (time in s)."""
         if number is not None and self._last is not None and number <= self._last:
             self._falls.append(now)
         self._last = number

@@ -82,21 +82,13 @@ class WrongLineError(Exception):
 
 
 class Parser(argparse.ArgumentParser):
-    """
-    Parses a command line.
-
-    :ivar unsent: the text that says that nothing was sent. It is stronger if a stop may have been
-        meant.
-    """
+    """Parses a command line."""
 
     unsent = NO_STOP_SENT
+    """The text that says that nothing was sent. It is stronger if a stop may have been meant."""
 
     def error(self, message: str) -> NoReturn:
-        """
-        Report that the line is wrong.
-
-        :raises WrongLineError: always.
-        """
+        """Raise WrongLineError, so that `parse` can report it."""
         raise WrongLineError(self, message)
 
 
