@@ -38,11 +38,7 @@ STALLED = 5.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """
-    Give a command, or watch the race.
-
-    :return: a code of ``Exit``.
-    """
+    """Give a command, or watch the race; return a code of ``Exit``."""
     if '_ARGCOMPLETE' in os.environ:  # the shell asks for what Tab completes
         import argcomplete
 

@@ -148,11 +148,7 @@ class Terminal:
         self._where = f'{client.topic}, ROS domain {domain_of()}'
 
     def give(self, starting: float) -> Told:
-        """
-        Send a command and return the answer.
-
-        :param starting: how long ROS took to start, in seconds.
-        """
+        """Send a command and return the answer; ROS took ``starting`` seconds to start."""
         hearing, wanted, until = self._hearing, self._wanted, self._until
         command, kart = COMMANDS[wanted.command], getattr(wanted, 'kart', 0)
         entry = CATALOGUE[command]
@@ -234,11 +230,7 @@ class Terminal:
         return Told(Exit.USAGE, error='\n'.join(lines))
 
     def _line(self, race: Snapshot, karts: Sequence[int], unsaid: str) -> str:
-        """
-        Return the line to type so that a command is sent with these karts.
-
-        :param unsaid: the statement that the line adds; empty if none is missing.
-        """
+        """Return the line to type for these karts, with the statement that is still unsaid."""
         wanted = self._wanted
         entry = CATALOGUE[COMMANDS[wanted.command]]
         flag, _ = entry.flag or ('', '')

@@ -109,11 +109,7 @@ class CommandInput(QtCore.QObject):
         self._chosen.clear()
 
     def answer(self, yes: bool, also: bool = False) -> None:
-        """
-        Close the question, and send the command that it asks about if the answer is YES.
-
-        :param also: whether the official has confirmed the further commands as well.
-        """
+        """Close the question; if YES, send its command, and the further ones if ``also``."""
         asked = self.window.question.button
         # Hidden first, so that a second press of the same key finds no question.
         self.window.question.close_sheet()
@@ -216,11 +212,7 @@ class LateInput:
         return self.waited
 
     def drop(self, name: str, age: float) -> bool:
-        """
-        Show that a key or click was dropped because of its age (s).
-
-        :return: True, because no widget may get a dropped key or click.
-        """
+        """Show that a key or click of this age (s) was dropped; True: no widget may get it."""
         # The dropped input would have used up the number, so digits after it begin a new number.
         self._chosen.clear()
         self._dropped = [*self._dropped[-4:], name]

@@ -36,11 +36,7 @@ def state_panel() -> Panel:
 
 
 def track_panel(button: CommandButton) -> Panel:
-    """
-    Return the area that says whether humans may be on the track.
-
-    :param button: opens or closes the track.
-    """
+    """Return the area that says whether humans may be on the track, with its button."""
     edge, why = fixed(Panel('track_edge', ''), 8), Text('humans_reason', '', TOP, wrap=True)
     humans = fixed(Text('humans', 'large bold', BOTTOM), height=30)
     rows = (edge, humans, fixed(button, 138)), (edge, why, button)
