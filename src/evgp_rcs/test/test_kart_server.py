@@ -78,8 +78,7 @@ class Running:
         self.on_saved: Callable[[int], None]
         self.record_works_at_once = True
         self._saved = 0
-        self._shown = 0
-        self._shown_at = 0.0
+        self.shown: list[float] = []  # when (s)
         self.record_trouble = ''
         self.gone = ''
         self.unsent = 0
@@ -153,15 +152,8 @@ class Running:
     def wait_for_log(self, kind: type[Any]) -> None:
         """Return once the record has been sent an entry of this kind."""
         self.wait_until(
-            lambda: [
-                each for batch in self.log for each in batch.entries if isinstance(each, kind)
-            ]
+            lambda: any(isinstance(each, kind) for batch in self.log for each in batch.entries)
         )
-
-    def wait_for_failure(self) -> BaseException:
-        self._thread.join(TIMEOUT)
-        assert self.failure is not None
-        return self.failure
 
     def _run(self) -> None:
         try:
@@ -190,8 +182,7 @@ class Running:
                 if isinstance(message, Answered):
                     self._answers[message.number].set_result(message.answer)
                 elif isinstance(message, Snapshot):
-                    self._shown += 1
-                    self._shown_at = message.stamp
+                    self.shown.append(message.stamp)
                 elif isinstance(message, Happened):
                     stamped += message.events
             self.events += [each.event for each in stamped]
@@ -209,16 +200,16 @@ class Running:
             self.log.append(batch)
             self._news.notify_all()
 
-    def wait_until_shown(self, found: Callable[[Race, float], bool]) -> float:
-        """Return the time of the first copy from now on for which `found` is true (s)."""
-        with self._news:
-            self._shown_at = 0.0
-        return self.wait_until(lambda: found(self.race, self._shown_at) and self._shown_at)
-
-    def race_was_shown(self, times: int) -> None:
-        """Return once the race was shown so often again."""
-        wanted = self._shown + times
-        self.wait_until(lambda: self._shown >= wanted)
+    def wait_until_shown(
+        self, found: Callable[[Race, float], bool] = lambda race, at: True, times: int = 1
+    ) -> float:
+        """Return when the race was shown so often again and `found` was true of it (s)."""
+        wanted = len(self.shown) + times
+        return self.wait_until(
+            lambda: (
+                len(self.shown) >= wanted and found(self.race, self.shown[-1]) and self.shown[-1]
+            )
+        )
 
     def remember(self, memory: RaceMemory) -> None:
         with self._news:
@@ -226,12 +217,6 @@ class Running:
             self._news.notify_all()
         if self.record_works_at_once:
             self._loop.call_soon(self._save, memory.gridded)
-
-    def shown_by_the_next_memory(self) -> int:
-        """Return how often the race was shown, once it was remembered again."""
-        before = len(self.remembered)
-        self.wait_until(lambda: len(self.remembered) > before)
-        return self._shown
 
     def _save(self, gridded: int) -> None:
         self.on_saved(gridded)
@@ -507,7 +492,7 @@ def test_a_kart_whose_kernel_answers_nothing_has_a_poor_link_and_is_delivered_no
 ) -> None:
     running, client, _ = stuck  # its link is POOR
     running.give(CommandKind.KART_RED_RED, 3)
-    running.race_was_shown(2)
+    running.wait_until_shown(times=2)
     delivered = [each.state for each in running.events if each.kind is EventKind.DELIVERED]
     assert RED_RED not in delivered
     read_until(client, RED_RED)
@@ -664,7 +649,8 @@ def test_an_error_nobody_foresaw_sends_red_red_to_every_kart_and_ends_the_server
     monkeypatch.setattr(running.race, 'tick', broken)
 
     assert read_to_end(client).endswith(encode(RED_RED))
-    assert isinstance(running.wait_for_failure(), ZeroDivisionError)
+    running.stop_serving()
+    assert isinstance(running.failure, ZeroDivisionError)
 
 
 def test_a_kart_that_connects_just_as_race_control_ends_is_sent_red_red(
@@ -710,15 +696,15 @@ def test_karts_start_only_once_the_disk_knows_that_they_may_move(run: Run) -> No
     running.record_works_at_once = False
     running, one, two = on_the_grid(running)
     assert not running.give(CommandKind.GREEN_GREEN).success
-    running.race_was_shown(2)  # and remembered after the first time
+    running.wait_until_shown(times=2)  # and remembered after the first time
     memory = running.remembered[-1]
     assert memory.karts[1].doubt is memory.karts[2].doubt is Doubt.MOVING
     running.record_trouble = 'the disk is full'
     running._loop.call_soon_threadsafe(running.on_saved, memory.gridded)
-    running.race_was_shown(2)
+    running.wait_until_shown(times=2)
     assert not running.give(CommandKind.GREEN_GREEN).success
     running.record_trouble = ''
-    running.race_was_shown(2)
+    running.wait_until_shown(times=2)
     assert running.give(CommandKind.GREEN_GREEN).success
     for client in (one, two):
         read_until(client, GREEN_GREEN)
@@ -735,7 +721,7 @@ def test_a_stop_does_not_wait_for_the_disk_and_nothing_starts_after_it(run: Run)
     running = run()
     running.record_works_at_once = False
     running, one, two = on_the_grid(running)
-    running.race_was_shown(2)
+    running.wait_until_shown(times=2)
     assert running.give(CommandKind.ALL_KILL).success
     running._loop.call_soon_threadsafe(running.on_saved, running.remembered[-1].gridded)
     assert not running.give(CommandKind.GREEN_GREEN).success
@@ -768,9 +754,12 @@ def test_a_ros_half_that_accepts_nothing_is_shown_no_race_and_given_up_in_the_en
 ) -> None:
     running = run()
     running.unsent = 1
-    assert running.shown_by_the_next_memory() == running.shown_by_the_next_memory()
+    shown, remembered = len(running.shown), len(running.remembered)
+    running.wait_until(lambda: len(running.remembered) > remembered + 1)
+    assert len(running.shown) <= shown + 1  # one may have been under way
     running.unsent = kart_server.TO_ROS_HALF_BYTES + 1
-    assert 'no longer accepts' in str(running.wait_for_failure())
+    running.stop_serving()
+    assert 'no longer accepts' in str(running.failure)
 
 
 def test_what_an_input_has_made_is_handed_to_the_record_with_it(
