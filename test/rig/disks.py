@@ -56,6 +56,11 @@ def in_database(statements: str) -> Harm:
     return change
 
 
+def in_place_of(make: Harm) -> Harm:
+    """Return what removes a file, and makes something else there."""
+    return lambda path: (path.unlink(), make(path))
+
+
 def garble_schema(path: pathlib.Path) -> None:
     """Change a byte of a database, so that SQLite's message about it is no text either."""
     whole = path.read_bytes()

@@ -26,7 +26,7 @@ from evgp_rcs.rules.inputs import Attended, Batch, decode, encode, Rules, Shown
 from evgp_rcs.rules.race import Attendance
 import pytest
 from recorded_races import change_event, PaperRace
-from rig.disks import Harm, in_database
+from rig.disks import Harm, in_database, in_place_of
 from rig.needs import need_program
 from test_inputs import HOSTILE_JSON, places_in, with_hostile
 from test_replay import an_ended_run, Running, SETUP
@@ -133,11 +133,6 @@ def test_a_terminal_of_few_characters_shows_what_it_can(path: pathlib.Path) -> N
 
 
 # ----- bad files ------------------------------------------------------------------------------
-
-
-def in_place_of(make: Harm) -> Harm:
-    """Return what removes the file, and makes something else there."""
-    return lambda path: (path.unlink(), make(path))
 
 
 def cut_to(share: float, more: int = 0) -> Harm:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 import os
 import pathlib
 import shutil
@@ -25,7 +25,7 @@ from evgp_rcs.record.run_mark import (
 )
 from evgp_rcs.rules.race import LastRun
 import pytest
-from rig.disks import filled, remount, small_disk
+from rig.disks import filled, Harm, in_place_of, remount, small_disk
 
 ENDS = (LastRun.NONE, LastRun.ENDED, LastRun.ENDED_OPEN)
 
@@ -83,23 +83,9 @@ def test_of_two_race_controls_at_one_port_the_second_is_refused_and_changes_noth
 # ----- what proves nothing -----------------------------------------------------------------
 
 
-def a_pipe(path: pathlib.Path) -> None:
-    path.unlink()
-    os.mkfifo(path)
-
-
-def a_folder(path: pathlib.Path) -> None:
-    path.unlink()
-    path.mkdir()
-
-
 def a_link(path: pathlib.Path) -> None:
     path.rename(path.with_name('elsewhere'))
     path.symlink_to('elsewhere')
-
-
-def a_second_name(path: pathlib.Path) -> None:
-    path.with_name('elsewhere').hardlink_to(path)
 
 
 def a_folder_that_is_a_link(path: pathlib.Path) -> None:
@@ -127,10 +113,18 @@ def test_a_mark_that_is_damaged_proves_nothing_and_is_written_anew(
 
 @pytest.mark.parametrize(
     'put',
-    [a_pipe, a_folder, a_link, a_second_name, a_folder_that_is_a_link, a_file_for_a_folder],
+    [
+        in_place_of(os.mkfifo),
+        in_place_of(pathlib.Path.mkdir),
+        a_link,
+        lambda path: path.with_name('elsewhere').hardlink_to(path),
+        a_folder_that_is_a_link,
+        a_file_for_a_folder,
+    ],
+    ids=['a pipe', 'a folder', 'a link', 'a second name', 'a folder of links', 'no folder'],
 )
 def test_what_is_in_the_place_of_a_mark_proves_nothing_and_is_left_alone(
-    path: pathlib.Path, put: Callable[[pathlib.Path], None]
+    path: pathlib.Path, put: Harm
 ) -> None:
     run(path, LastRun.ENDED)
     put(path)
