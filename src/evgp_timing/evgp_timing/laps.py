@@ -5,35 +5,22 @@
 Turns the passings at the timing line into laps, results and places.
 
 A passing is a report, by a source or an official, that something crossed the line. A source is a
-timing device. This module keeps each passing as it arrived, and judges it by the rules below
-(``Mark``). Officials may strike out a passing, restore it, or assign a transponder to a
-kart. This module then judges all passings again. The laps do not depend on what a kart is sent.
+timing device. This module keeps each passing as it arrived, and judges it by the rules of
+docs/timing.md#laps (``Mark``). If officials strike out a passing, restore it, or assign a
+transponder to a kart, this module judges all passings again. The laps do not depend on what a kart
+is sent.
 
-A beam sees something cross the line, and an official says which kart it was. The official's
-passing claims the oldest unidentified crossing of the last `BEAM_PRESS` seconds for that kart. If
-the official was quicker, the passing claims the crossing that the beam, or another source that
-knows the kart, sees within `clock_tolerance` after it. Both happen only if the crossing counts for
-that kart. The crossing then counts in place of the official's passing, until either is struck out.
+An official's passing *claims* a crossing that a beam saw, or one that a source that knows the kart
+sees just after it. The crossing then counts in place of the official's passing, until either is
+struck out. Nothing is claimed if the crossing would not count for that kart.
 
-A passing counts for a kart that started the race if all of these are true:
-
-- It comes after GREEN_GREEN, before the kart finishes or leaves, and before the race ends. A
-  passing within `clock_tolerance` after the finish still counts, because an official who sees the
-  kart cross may be quicker than the source.
-- The kart has not completed all its laps.
-- At least `min_lap_time` has passed since the kart's last counted passing.
-
-The first passing from each source in each session is timed by its arrival. Later passings are
-timed by the source's clock, as long as it agrees with their arrival to within `clock_tolerance`.
-Passings that arrive after the timekeeper has been away may be late by the length of its absence.
-If a passing's time does not agree with its arrival, this module times the passing by its arrival
-and sets the source's clock to match.
-There is one exception: if the first passing of a source in this race was before GREEN_GREEN by the
-source's previous clock, that passing is late and never counts. Passings that arrive at once with
-it are late too. If the clock then keeps step with the arrivals, it was the clock that jumped.
-
-The time between two crossings seen by one source is therefore as precise as that source. A clock
-that drifts or is reset cannot produce a lap unless the arrival times confirm that lap.
+The first passing of a source in a session, its *anchor*, is timed by its arrival, and later ones
+by the source's clock while it agrees with the arrivals. A passing whose time does not agree is the
+new anchor. There is one exception: if the first passing of a source in this race was before
+GREEN_GREEN by the source's previous clock, that passing is late and never counts. Passings that
+arrive at once with it are late too. If the clock then keeps step with the arrivals, it was the
+clock that jumped. Passings that arrive after the timekeeper has been away may be late by the
+length of its absence.
 
 This module is pure, and its objects are immutable. Each change returns a new ``Laps``.
 """
