@@ -12,7 +12,7 @@ from evgp_timing import laprf, lines, p3
 from evgp_timing.framing import MarkedDecoder
 
 CONTACT = 'contact'
-"""The only kind without a decoder: a control line of a serial port."""
+"""The only kind without a decoder: the line CTS of a serial port."""
 
 DECODERS: dict[str, Callable[[], MarkedDecoder]] = {
     'ilap': partial(MarkedDecoder, 0x01, 0x0A, lines.read_ilap),

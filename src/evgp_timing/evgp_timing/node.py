@@ -37,9 +37,6 @@ PASSINGS_QOS = latched(200)
 """QoS of ``passings``, which gives late subscribers the last passings too. Each passing has a
 number, so one that arrives twice counts once."""
 
-LINES = ('cts', 'dsr', 'cd', 'ri')
-"""Control lines of a serial port to which a contact can be wired."""
-
 DEVICE_LOOK = 0.2
 """Maximum time until the device's thread notices the end of the node, in seconds."""
 
@@ -59,7 +56,6 @@ class TimingSettings:
     source: str = 'line'
     baud: int = 9600
     silent_after: float = 10.0
-    line: str = 'cts'
     inverted: bool = False
     debounce: float = 0.2
     gates: str = ''
@@ -139,10 +135,10 @@ class TimingSource(StrictNode):
             if at_tcp and self._is_silent(now, since):
                 return
 
-    def _follow_contact(self, device: Device) -> None:
+    def _follow_contact(self, device: Any) -> None:
         contact = Contact(self._settings.debounce)
         while not self._ending.is_set():
-            is_active, now = bool(getattr(device, self._settings.line)), clock.now()
+            is_active, now = bool(device.cts), clock.now()
             broken = is_active is not self._settings.inverted
             if contact.look(broken, now):
                 self._take(of_device(time.time_ns() // 1000), now)
@@ -225,7 +221,6 @@ def read_settings(node: StrictNode) -> TimingSettings:
             'Time without data after which a device counts as silent, in seconds. 0: never.',
             (0.0, 3600.0),
         ),
-        line=declare('line', default.line, f'Control line of a contact: {", ".join(LINES)}.'),
         inverted=declare('inverted', default.inverted, 'Active while no kart crosses the line.'),
         debounce=declare(
             'debounce',
@@ -240,14 +235,10 @@ def read_settings(node: StrictNode) -> TimingSettings:
         ),
     )
     node.refuse_unknown()
-    for name, value, possible in (
-        ('kind', settings.kind, kinds),
-        ('line', settings.line, LINES),
-    ):
-        if value not in possible:
-            raise ParameterError(
-                f'parameter {name}: {value!r} is not valid. Set {" or ".join(possible)}'
-            )
+    if settings.kind not in kinds:
+        raise ParameterError(
+            f'parameter kind: {settings.kind!r} is not valid. Set {" or ".join(kinds)}'
+        )
     if settings.source in ('', BY_HAND):
         raise ParameterError(
             f'parameter source: {settings.source!r} is not valid. Set another name, such as line'
