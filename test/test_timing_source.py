@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import contextlib
 import os
-import signal
 import socket
 import tty
 
@@ -16,14 +15,13 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from evgp_node.results import Passing
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import free_port
-from evgp_testing.process import executable, Process, Program
+from evgp_testing.process import Process
 from evgp_testing.ros_side import RosSide
 from evgp_timing import node
-from evgp_timing.p3_emulator import passing, STATUS_RECORD
 from evgp_timing.timekeeper import passing_of
 import pytest
 from rclpy.parameter import Parameter
-from recorded_bytes import P3_LIVE, RECORDED
+from recorded_bytes import P3_LIVE, p3_passing, RECORDED
 
 Start = Callable[..., Process]
 
@@ -156,13 +154,13 @@ def test_a_decoder_that_is_gone_is_told_and_read_again_once_it_is_back(
 ) -> None:
     start(kind='p3', device=at(server))
     with server.accept()[0] as decoder:
-        cut = passing(42, 1001, 1_500_000)
+        cut = p3_passing(42, 1001, 1_500_000)
         for number in (40, 41):
-            decoder.sendall(passing(number, 1001, 1_000_000))
+            decoder.sendall(p3_passing(number, 1001, 1_000_000))
         decoder.sendall(cut[: len(cut) // 2])
         listener.wait_for_passings(2)
     with server.accept()[0] as decoder:
-        decoder.sendall(passing(43, 1001, 2_000_000) * 2)
+        decoder.sendall(p3_passing(43, 1001, 2_000_000) * 2)
         *_, first, second = listener.wait_for_passings(3)
         assert (first.number, second.number) == (41, 43)
         assert first.session == second.session
@@ -176,7 +174,7 @@ def test_a_decoder_that_is_gone_is_told_and_read_again_once_it_is_back(
     with socket.create_server(address) as again:
         again.settimeout(30)
         with again.accept()[0] as decoder:
-            decoder.sendall(passing(1, 1001, 3_000_000))  # it was switched off
+            decoder.sendall(p3_passing(1, 1001, 3_000_000))  # it was switched off
             third = listener.wait_for_passings(4)[3]
             assert third.number == 1
             assert third.session != second.session
@@ -191,22 +189,10 @@ def test_a_silent_decoder_is_told_and_connected_to_again(
         listener.wait_for_status(DiagnosticStatus.ERROR)
         with server.accept()[0] as decoder:  # by itself
             while not (listener.status and listener.status.level == DiagnosticStatus.OK):
-                decoder.sendall(STATUS_RECORD)
+                decoder.sendall(P3_LIVE[0][0])
                 with contextlib.suppress(TimeoutError):
                     decoder.settimeout(0.2)
                     decoder.recv(1)
-
-
-def test_the_emulator_of_a_decoder_is_heard_as_one(
-    start: Start, listener: Listener, parts: contextlib.ExitStack
-) -> None:
-    words = ['--port', '0', '--lap', '0.5', '--transponders', '1', '2']
-    command = [executable('evgp_timing', 'p3_emulator'), *words]
-    emulator = parts.enter_context(Program('p3_emulator', command, end='INT'))
-    start(kind='p3', device=f'127.0.0.1:{emulator.wait_for_line("listens at .*:([0-9]+)")[1]}')
-    assert {each.transponder for each in listener.wait_for_passings(6)} == {'1', '2'}
-    emulator.signal(signal.SIGINT)
-    assert emulator.wait() == 0
 
 
 class Line:

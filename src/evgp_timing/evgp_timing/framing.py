@@ -12,7 +12,7 @@ mark or the escape byte, and puts an escape byte before it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 import dataclasses
 import re
 
@@ -69,20 +69,6 @@ class Framing:
     length_at: int
     checksum: Callable[[bytes], int]
     may_lack_checksum: bool = False
-
-    def encode(self, kind: int, fields: Iterable[tuple[int, bytes]]) -> bytes:
-        """Return the bytes of a record with this type and these fields."""
-        body = b''.join(bytes((name, len(value))) + value for name, value in fields)
-        record = bytearray((self.begin, *self.head, *kind.to_bytes(2, 'little'), *body, self.end))
-        record[_two(self.length_at)] = len(record).to_bytes(2, 'little')
-        checksum = self.checksum(bytes(record)).to_bytes(2, 'little')
-        record[_two(self.length_at + 2)] = checksum
-        special = (self.begin, self.end, self.escape)
-        inside = (
-            (self.escape, byte + self.shift) if byte in special else (byte,)
-            for byte in record[1:-1]
-        )
-        return bytes((self.begin, *(each for pair in inside for each in pair), self.end))
 
     def unpack(self, inside: bytes) -> Record | Refused:
         """Return the record in the escaped bytes between two marks, or why they are refused."""

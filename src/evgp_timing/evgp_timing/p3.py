@@ -16,15 +16,11 @@ import enum
 from evgp_timing.framing import Framing, Record
 from evgp_timing.passings import Event, of_device, Refused, Sign, Unchecked
 
-PORT = 5403
-"""TCP port at which a decoder listens."""
-
 
 class Kind(enum.IntEnum):
     """The types of records that this module uses."""
 
     PASSING = 0x0001
-    STATUS = 0x0002
 
 
 class Field(enum.IntEnum):

@@ -5,7 +5,10 @@
 
 from __future__ import annotations
 
-from evgp_timing.framing import MarkedDecoder
+from collections.abc import Iterable
+
+from evgp_timing import p3
+from evgp_timing.framing import Framing, MarkedDecoder
 from evgp_timing.kinds import DECODERS
 from evgp_timing.passings import Event, of_device, Sign, Unchecked
 
@@ -117,6 +120,32 @@ P3_FIELD: list[tuple[bytes, Event]] = [
     ),
 ]
 """What decoders in the field send."""
+
+
+def encoded(framing: Framing, kind: int, fields: Iterable[tuple[int, bytes]]) -> bytes:
+    """Return the bytes of a record with this type and these fields."""
+    body = b''.join(bytes((name, len(value))) + value for name, value in fields)
+    record = bytearray((framing.begin, *framing.head, *kind.to_bytes(2, 'little'), *body))
+    record.append(framing.end)
+    at = framing.length_at
+    record[at : at + 2] = len(record).to_bytes(2, 'little')
+    record[at + 2 : at + 4] = framing.checksum(bytes(record)).to_bytes(2, 'little')
+    sent = bytearray()
+    for byte in record[1:-1]:
+        special = byte in (framing.begin, framing.end, framing.escape)
+        sent += bytes((framing.escape, byte + framing.shift)) if special else bytes((byte,))
+    return bytes((framing.begin, *sent, framing.end))
+
+
+def p3_passing(number: int, transponder: int, time_us: int, label: bytes = b'') -> bytes:
+    """Return a passing as a P3 decoder sends it."""
+    plain = (
+        (p3.Field.NUMBER, number, 4),
+        (p3.Field.TRANSPONDER, transponder, 4),
+        (p3.Field.RTC_TIME, time_us, 8),
+    )
+    fields = [(name, value.to_bytes(size, 'little')) for name, value, size in plain]
+    return encoded(p3.P3, p3.Kind.PASSING, [*fields, (p3.Field.LABEL, label)])
 
 
 def feed_all(decoder: MarkedDecoder, pieces: list[bytes]) -> list[Event]:

@@ -15,7 +15,7 @@ from evgp_timing.passings import of_device, Refused, Sign, Unchecked
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-from recorded_bytes import check_stream, feed_all, P3_FIELD, RECORDED
+from recorded_bytes import check_stream, encoded, feed_all, P3_FIELD, p3_passing, RECORDED
 
 every_kind = pytest.mark.parametrize('kind', DECODERS)
 every_framing = pytest.mark.parametrize('framing', [p3.P3, laprf.LAPRF])
@@ -54,10 +54,7 @@ def test_what_decoders_in_the_field_send_says_what_it_means() -> None:
 def test_a_label_that_says_nothing_more_or_cannot_be_shown_is_left_out(
     label: bytes, transponder: str
 ) -> None:
-    fields = [(p3.Field.NUMBER, 1, 4), (p3.Field.TRANSPONDER, 7, 4), (p3.Field.RTC_TIME, 1, 8)]
-    record = [(name, value.to_bytes(size, 'little')) for name, value, size in fields]
-    sent = p3.P3.encode(p3.Kind.PASSING, [*record, (p3.Field.LABEL, label)])
-    assert DECODERS['p3']().feed(sent) == [of_device(1, 1, transponder)]
+    assert DECODERS['p3']().feed(p3_passing(1, 7, 1, label)) == [of_device(1, 1, transponder)]
 
 
 def test_what_is_left_of_a_record_without_a_checksum_is_refused() -> None:
@@ -117,7 +114,7 @@ def test_what_is_encoded_is_decoded(
         opened.append(record)
         return Sign()
 
-    data = framing.encode(kind, fields)
+    data = encoded(framing, kind, fields)
     assert data.count(framing.begin) == data.count(framing.end) == 1
     assert framing.decoder(keep).feed(data) == [Sign()]
     assert opened == [Record(kind, dict(fields))]
@@ -137,7 +134,7 @@ def test_a_record_that_cannot_be_one_is_refused_once(framing: Framing, inside: b
 
 @every_framing
 def test_a_field_longer_than_its_record_is_refused(framing: Framing) -> None:
-    whole = framing.encode(1, [(1, b'abc')])
+    whole = encoded(framing, 1, [(1, b'abc')])
     record = bytearray(whole)
     record[-5] = 200  # the length of the field
     at = slice(framing.length_at + 2, framing.length_at + 4)
@@ -163,7 +160,7 @@ def test_a_passing_without_number_time_or_transponder_is_refused(
     framing: Framing, kind: int, fields: list[tuple[int, bytes]]
 ) -> None:
     decoder = DECODERS['p3' if framing is p3.P3 else 'laprf']()
-    (refused,) = decoder.feed(framing.encode(kind, fields))
+    (refused,) = decoder.feed(encoded(framing, kind, fields))
     assert isinstance(refused, Refused)
 
 
