@@ -34,7 +34,7 @@ from evgp_rcs.rules.race import (
     Heat,
     TrackAccess,
 )
-from evgp_rcs.rules.snapshot import NOTHING, Snapshot, snapshot_of
+from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import Cell, GONE_AFTER, STATE_CELLS, STATES, tally, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import request
@@ -56,7 +56,6 @@ from evgp_rcs_console.view import (
 )
 from example_race import KART, offers, RACE, replace, warning
 import pytest
-from recorded_races import PaperRace
 
 GREEN_GREEN, GRID_ACTIVE = RaceState.GREEN_GREEN, RaceState.GRID_ACTIVE
 IN_GARAGE, RED_FLAG, RED_RED = RaceState.IN_GARAGE, RaceState.RED_FLAG, RaceState.RED_RED
@@ -72,11 +71,6 @@ def screen_of(results: Standings | None = None, **changes: Any) -> Screen:
 def with_kart(results: Standings | None = None, **changes: Any) -> Screen:
     """Return the screen of a race in which some fields of the only kart differ."""
     return screen_of(results, karts=(replace(KART, **changes),))
-
-
-def seen(paper: PaperRace) -> Screen:
-    """Return the screen of a real race as it is now."""
-    return Screen(snapshot_of(paper.race, paper.now), 0.0, {})
 
 
 def button_on(screen: Screen, command: CommandKind | Act, kart: int = 0) -> Button:
@@ -593,19 +587,6 @@ def test_a_row_says_what_a_kart_answered_and_what_it_needs(
     assert row.place == ('F1' if 'place' in kart else '')
     assert row.note.text.startswith(note) if note else not row.note.text
     assert row.note.text in '\n'.join(table(screen))
-
-
-def test_a_kart_that_takes_its_stop_back_may_move() -> None:
-    paper = PaperRace({7: 'Purdue'})
-    paper.connect(7)
-    paper.drive()
-    paper.command(CommandKind.ALL_KILL)
-    paper.say(7)
-    assert seen(paper).rows[0].note.text.startswith('held')
-
-    paper.say(7, GREEN_GREEN)
-
-    assert seen(paper).rows[0].note.text.startswith(texts.MAY_MOVE)
 
 
 def test_a_kart_without_link_stands_out_if_it_matters() -> None:
