@@ -132,15 +132,6 @@ def humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against_it(
             )
 
 
-def a_kart_without_a_link_has_neither_bars_nor_a_good_word_for_it(
-    race: Snapshot, screen: Screen
-) -> None:
-    for kart, row in zip(race.karts, screen.rows, strict=True):
-        if not kart.connected:
-            assert (row.bars, row.link_time) == (0, '')
-            assert row.link.text == texts.NOT_LINKED
-
-
 def what_is_largest_is_true_of_a_kart_of_the_race(race: Snapshot, screen: Screen) -> None:
     rows = [*zip(race.karts, screen.rows, strict=True)]
     concerned = [each for each in rows if each[0].in_race] or rows
@@ -249,7 +240,6 @@ def the_terminal_says_what_the_window_says(race: Snapshot, _: Screen) -> None:
 
 SENTENCES = (
     humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against_it,
-    a_kart_without_a_link_has_neither_bars_nor_a_good_word_for_it,
     what_is_largest_is_true_of_a_kart_of_the_race,
     all_karts_are_lost_only_if_none_is_connected,
     an_open_track_never_looks_like_a_closed_one,
