@@ -243,8 +243,8 @@ class Window:
 @pytest.fixture(scope='module')
 def application() -> Any:
     """Return Qt's application, without a screen."""
-    os.environ.setdefault('QT_QPA_PLATFORM', 'offscreen')
-    return QtWidgets.QApplication.instance() or QtWidgets.QApplication(['timekeeper_window'])
+    words = ['timekeeper_window', '-platform', 'offscreen']
+    return QtWidgets.QApplication.instance() or QtWidgets.QApplication(words)
 
 
 @pytest.fixture

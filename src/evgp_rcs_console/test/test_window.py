@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 import importlib
 import itertools
-import os
 import pathlib
 import re
 import time
@@ -84,8 +83,8 @@ SENTENCES = (
 @pytest.fixture(scope='module')
 def application() -> Any:
     """Return Qt's application, without a screen."""
-    os.environ.setdefault('QT_QPA_PLATFORM', 'offscreen')
-    return QtWidgets.QApplication.instance() or QtWidgets.QApplication(['rcs_gui'])
+    words = ['rcs_gui', '-platform', 'offscreen']
+    return QtWidgets.QApplication.instance() or QtWidgets.QApplication(words)
 
 
 def alerts_in(area: AlertsArea) -> str:
