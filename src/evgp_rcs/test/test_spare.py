@@ -215,7 +215,9 @@ def test_with_a_copy_the_mark_of_this_machine_says_began_and_another_port_is_lef
     assert RunMark(marks / '4002').last_run is LastRun.ENDED
 
 
-@pytest.mark.parametrize('wrong', ['a: [', '/**: {ros__parameters: {port: many}}'])
+@pytest.mark.parametrize(
+    'wrong', ['a: [', '/**: {ros__parameters: {port: many}}', '/**: &all {rcs: *all}']
+)
 def test_without_a_mark_there_is_no_copy(
     wrong: str, first: pathlib.Path, tmp_path: pathlib.Path, marks: pathlib.Path
 ) -> None:

@@ -141,7 +141,7 @@ def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
             (folder / f'{name}.new').replace(folder / name)
     except (
         *(OSError, KeyError, ValueError, tarfile.TarError, sqlite3.Error, RosterError),
-        yaml.YAMLError,
+        *(yaml.YAMLError, RecursionError),
     ) as error:
         raise SpareError(f'the copy cannot be kept: {error}') from error
     return made - newest / 1e9
@@ -158,7 +158,7 @@ def _marks(parameters: pathlib.Path) -> set[pathlib.Path]:
     """
     Return the marks that race control may use here with these parameters, whatever its node name.
 
-    :raises ValueError, yaml.YAMLError: if the parameters cannot be read.
+    :raises ValueError, yaml.YAMLError, RecursionError: if the parameters cannot be read.
     """
     found = list(_mappings(yaml.safe_load(parameters.read_bytes())))
     addresses = {str(each['address']) for each in found if 'address' in each}
