@@ -58,7 +58,12 @@ def in_database(statements: str) -> Harm:
 
 def in_place_of(make: Harm) -> Harm:
     """Return what removes a file, and makes something else there."""
-    return lambda path: (path.unlink(), make(path))
+
+    def change(path: pathlib.Path) -> None:
+        path.unlink()
+        make(path)
+
+    return change
 
 
 def garble_schema(path: pathlib.Path) -> None:

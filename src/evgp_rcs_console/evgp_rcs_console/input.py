@@ -275,7 +275,8 @@ class Mouse:
         released = kind == QtCore.QEvent.Type.MouseButtonRelease
         held, self._held = self._held, None
         if released:
-            if age >= STALE and held in self._window.findChildren(QtWidgets.QAbstractButton):
+            buttons = self._window.findChildren(QtWidgets.QAbstractButton)
+            if held is not None and age >= STALE and held in buttons:
                 held.setDown(False)
                 self._late.drop(_called(held), age)
             elif isinstance(held, CommandButton) and held is not target:
