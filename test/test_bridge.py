@@ -17,7 +17,7 @@ import time
 from typing import Any
 
 from evgp_kart_bridge.lamp import BLUE, YELLOW
-from evgp_kart_bridge.node import LASTS
+from evgp_kart_bridge.node import WARN_AFTER
 from evgp_node.graph import INTERFACE, kept_apart_by
 from evgp_node.qos import latched
 from evgp_node.states import state_message, state_of
@@ -324,7 +324,7 @@ def test_a_stack_that_reads_the_lock_or_the_plain_state_alone_is_read(
         side.spin()
         bridge.wait_for_line('refuses')  # it has begun
         read.append((bridge, side, reader))
-    time.sleep(LASTS + 1.0)  # that time passes is itself what is awaited
+    time.sleep(WARN_AFTER + 1.0)  # that time passes is itself what is awaited
     for bridge, side, reader in read:
         assert 'No node has read' not in bridge.output
         side.node.destroy_subscription(reader)

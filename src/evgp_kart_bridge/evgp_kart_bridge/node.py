@@ -85,7 +85,7 @@ earlier."""
 LOOK_AROUND = 0.3
 """Time between two checks for a second node where only one is allowed, in seconds."""
 
-LASTS = 5.0
+WARN_AFTER = 5.0
 """Time after which the bridge warns that no node reads the race state, that an acknowledgement is
 missing, or that odometry reads 0.00 m/s in GREEN_GREEN, in seconds."""
 
@@ -199,8 +199,8 @@ class KartBridge(StrictNode):
         self._motion = Motion()  # in the executor's thread
         self._odometry_at: float | None = None
         self._odometry_was_missed = False
-        self._unread, self._never_moved = Lasting(LASTS), Lasting(LASTS)
-        self._no_odometry, self._unacknowledged = Lasting(ODOMETRY_DUE), Lasting(LASTS)
+        self._unread, self._never_moved = Lasting(WARN_AFTER), Lasting(WARN_AFTER)
+        self._no_odometry, self._unacknowledged = Lasting(ODOMETRY_DUE), Lasting(WARN_AFTER)
         self._turns = 0  # of the link
         # The link's thread triggers this condition. An executor that runs the callback can also
         # receive the team's messages. A timer would not work, because some middlewares wait for
@@ -359,8 +359,9 @@ class KartBridge(StrictNode):
         read = any(each.get_subscription_count() for each in forms)
         if self._unread.is_due(not read, clock.now()):
             self.get_logger().warning(
-                f'No node has read {self._race_state.topic_name} in {self._graph} for {LASTS:g} '
-                's. Check that the stack is running, with the same ROS_DOMAIN_ID, and without '
+                f'No node has read {self._race_state.topic_name} in {self._graph} for '
+                f'{WARN_AFTER:g} s. Check that the stack is running, with the same ROS_DOMAIN_ID, '
+                'and without '
                 f'{" or ".join(KEEPS_APART)} in its shell. On two computers, both need '
                 'EVGP_GRAPH_INTERFACE'
             )
@@ -379,7 +380,7 @@ class KartBridge(StrictNode):
         green = published is not None and published.state is RaceState.GREEN_GREEN
         if self._never_moved.is_due(green and speed < 0.005, now):
             self.get_logger().warning(
-                f'Odometry on {self._odometry_topic} has read 0.00 m/s for {LASTS:g} s in '
+                f'Odometry on {self._odometry_topic} has read 0.00 m/s for {WARN_AFTER:g} s in '
                 'GREEN_GREEN. If the kart stands still, no stack sends its motors a speed. If it '
                 'drives, the twist of its odometry is not filled in. It would then acknowledge '
                 'stops while it rolls'
@@ -482,7 +483,7 @@ class KartBridge(StrictNode):
         elif lasts:
             does = 'drives' if state is RaceState.GREEN_GREEN else 'stands still'
             self.get_logger().warning(
-                f'{state.value} has not been acknowledged for {LASTS:g} s, although '
+                f'{state.value} has not been acknowledged for {WARN_AFTER:g} s, although '
                 f'nothing prevents it. Once the kart {does}, its stack must call '
                 f'{self.resolve_service_name("~/acknowledge")}'
             )
