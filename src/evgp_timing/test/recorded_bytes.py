@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+import struct
 
 from evgp_timing import p3
 from evgp_timing.framing import Framing, MarkedDecoder
@@ -128,8 +129,8 @@ def encoded(framing: Framing, kind: int, fields: Iterable[tuple[int, bytes]]) ->
     record = bytearray((framing.begin, *framing.head, *kind.to_bytes(2, 'little'), *body))
     record.append(framing.end)
     at = framing.length_at
-    record[at : at + 2] = len(record).to_bytes(2, 'little')
-    record[at + 2 : at + 4] = framing.checksum(bytes(record)).to_bytes(2, 'little')
+    struct.pack_into('<H', record, at, len(record))
+    struct.pack_into('<H', record, at + 2, framing.checksum(bytes(record)))
     sent = bytearray()
     for byte in record[1:-1]:
         special = byte in (framing.begin, framing.end, framing.escape)
