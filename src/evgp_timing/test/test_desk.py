@@ -348,15 +348,6 @@ def test_a_desk_that_is_fed_again_knows_the_same_and_no_order_of_things_breaks_i
     assert len({each.passing.identity for each in by_hand}) == len(by_hand)
 
 
-def test_officials_who_count_by_hand_have_no_clock_that_could_jump(event: Event) -> None:
-    event.start('Heat 1', 1, 2)
-    for _ in range(3):
-        event.now += 20.0
-        assert event.correct(Act.COUNT, 1)
-    assert event.desk.standings().karts[0].lap_times == pytest.approx((20.0, 20.0))
-    assert event.desk.questions(event.now) == []
-
-
 def test_an_officials_passing_beyond_the_limit_is_refused_and_withdraws_no_results(
     event: Event,
 ) -> None:
@@ -377,13 +368,6 @@ def test_a_clock_that_is_set_back_between_two_races_costs_the_first_passing_alon
         event.cross(1, after=20.0, ago=3600.0)
     assert event.desk.standings().karts[0].lap_times == pytest.approx((20.0, 20.0))
     assert 'the clock of line jumped' in event.desk.questions()[0]
-
-
-def test_passings_that_a_stall_held_back_until_after_green_never_count(event: Event) -> None:
-    event.race_again(1)
-    for ago in (30.0, 20.0, 10.0):
-        event.cross(1, after=0.1, ago=ago)
-    assert {each.mark for each in event.desk.standings().passings} == {Mark.NOT_COUNTED}
 
 
 @pytest.mark.parametrize('what', [What.OVER, What.LEFT, What.FINISH])

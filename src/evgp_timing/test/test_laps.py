@@ -398,14 +398,6 @@ def test_nobody_asks_who_crossed_while_an_official_may_still_press() -> None:
     assert story.laps.trouble(GREEN + 13.1)
 
 
-def test_with_the_first_crossing_ending_lap_1_its_time_is_from_green() -> None:
-    laps = race(first_crossing='ends')
-    laps = laps.take([Passing('line', 's', 1, 1)], GREEN + 12.0)
-    assert laps.result(1).lap_times == pytest.approx((12.0,))
-    early = race(first_crossing='ends').take([Passing('line', 's', 1, 1)], GREEN + 2.0)
-    assert [each.mark for each in early.crossings] == [Mark.DOUBTFUL]
-
-
 # ----- bounds -------------------------------------------------------------------------------
 
 
