@@ -33,9 +33,7 @@ LAG, REACTION = 0.3, 0.4
 AWAY = 2.0
 """Time for which the timekeeper is away, in seconds."""
 
-PLAN = Plan(
-    Track(((0.0, 0.0), (30.0, 0.0), (30.0, 10.0), (0.0, 10.0))), karts=6, laps=5, spread=0.2
-)
+PLAN = Plan(Track(((0.0, 0.0), (30.0, 0.0), (30.0, 10.0), (0.0, 10.0))), karts=6, laps=5)
 
 HEAT = Heat('Heat 1', PLAN.numbers, laps=PLAN.laps)
 
@@ -50,7 +48,7 @@ class Event:
 
     def __init__(self, seed: int) -> None:
         self.chance = random.Random(seed)
-        plan = Plan(PLAN.track, karts=PLAN.karts, laps=PLAN.laps, spread=PLAN.spread, seed=seed)
+        plan = Plan(PLAN.track, karts=PLAN.karts, laps=PLAN.laps, seed=seed)
         self.field = Field(plan)
         self.fed: list[Input] = []
         self.desk = self.new_desk()
