@@ -10,9 +10,11 @@ import contextlib
 import ctypes
 import pathlib
 import random
+import re
 from typing import Any
 
 from evgp_node.official import MOST
+from evgp_node.qos import latched
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain, free_port
@@ -24,7 +26,7 @@ from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_race import WireRace
 from nav_msgs.msg import Odometry
 import pytest
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, ParameterValue
 from rcl_interfaces.srv import (
     DescribeParameters,
     GetParameters,
@@ -36,6 +38,7 @@ from rcl_interfaces.srv import (
 import rclpy
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
+from test_security import in_graph
 from type_description_interfaces.srv import GetTypeDescription
 
 OF_RCLPY: dict[str, Any] = {
@@ -282,6 +285,26 @@ def test_a_stop_acts_whatever_its_official_is_called(
         assert told.success
         assert 0 < len(told.official) <= MOST
         assert told.official.isprintable()
+
+
+def test_nothing_but_calls_occupies_the_threads_beside_race_controls_own(
+    tmp_path: pathlib.Path, parts: contextlib.ExitStack, join_hostile: Callable[[int], Hostile]
+) -> None:
+    race = parts.enter_context(WireRace(tmp_path, [1]))
+    hostile = join_hostile(race.domain)
+    hostile.node.create_subscription(ParameterEvent, '/parameter_events', print, latched(1))
+    race.control.wait_for_line(r"\[rcs\]: .*'/parameter_events', requesting incompatible QoS")
+
+    beside = ('rcs_stops', '/'), ('rcs_roster', '/')
+    hostile.wait_until_polled(
+        lambda: '/rcs/all_kill' in in_graph(hostile.node, *beside).served, 'the nodes in the graph'
+    )
+    seen = in_graph(hostile.node, *beside)
+    race.official.command('all_kill')
+
+    race.karts[0].wait_for_state(RaceState.RED_RED)
+    assert not seen.published | seen.subscribed
+    assert not re.search(r'\[rcs_(stops|roster)\]', race.control.output)
 
 
 # ----- what raises in a callback of ours --------------------------------------------------

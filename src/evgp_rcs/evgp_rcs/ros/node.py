@@ -361,7 +361,7 @@ class RcsNode(StrictNode):
 
     def _node_beside(self, what: str) -> Node:
         """Return another node of this process, which only offers services, in its own thread."""
-        return Node(
+        node = Node(
             f'{self.get_name()}_{what}',
             context=self.context,
             namespace=self.get_namespace(),
@@ -370,6 +370,11 @@ class RcsNode(StrictNode):
             start_parameter_services=False,
             parameter_overrides=[Parameter('start_type_description_service', value=False)],
         )
+        # rclpy's own one, of /parameter_events, would log every node that cannot read it, and a
+        # stop would wait meanwhile.
+        for each in [*node.publishers]:
+            node.destroy_publisher(each)
+        return node
 
     def _offer(self, node: Node, name: str, kinds: tuple[CommandKind, ...]) -> None:
         """Offer at this node the service that these kinds of commands share."""
