@@ -32,6 +32,7 @@ from evgp_rcs_console.client import Client, request_message
 from evgp_rcs_console.command_line import (
     COMMANDS,
     NO_STOP_SENT,
+    NOTHING_SENT,
     parse,
     STARTING,
     TAKEN,
@@ -190,6 +191,13 @@ Node.create_client = refuse
 
 FAILS = 'from evgp_rcs_console import ctl_ros; ctl_ros.attend = lambda *_: 1 / 0'
 
+INTERRUPTED = """
+from evgp_rcs_console import ctl_ros
+def interrupt(*_):
+    raise KeyboardInterrupt  # as by Ctrl-C while ROS starts
+ctl_ros.attend = interrupt
+"""
+
 
 @pytest.mark.parametrize(
     ('before', 'words', 'code', 'said'),
@@ -197,10 +205,12 @@ FAILS = 'from evgp_rcs_console import ctl_ros; ctl_ros.attend = lambda *_: 1 / 0
         (FAILS, ['all-kill'], NOT_THERE, r'\(rcs_ctl failed; ROS domain(.|\n)*USE THE MSR'),
         (NO_PERMISSION, ['red-flag'], USAGE, rf'^.*/officials.*\n{NO_STOP_SENT}\n$'),
         ('', ['red-flag', '--ros-args', '--no-such-option'], USAGE, rf'\n{NO_STOP_SENT}\n$'),
+        (INTERRUPTED, ['red-flag'], NOT_THERE, rf'^{NO_STOP_SENT}\n$'),
+        (INTERRUPTED, ['close-track'], NOT_THERE, rf'^{NOTHING_SENT}\n$'),
     ],
-    ids=['failed itself', 'not allowed', 'wrong setting of ROS'],
+    ids=['failed itself', 'not allowed', 'wrong setting of ROS', 'interrupted', 'no stop'],
 )
-def test_a_stop_that_rcs_ctl_cannot_send_says_why(
+def test_a_stop_or_another_command_that_rcs_ctl_cannot_send_says_why(
     domain: int, before: str, words: list[str], code: int, said: str
 ) -> None:
     done = run(domain, *words, before=before)
