@@ -243,6 +243,7 @@ class Mouse:
         self._active_since: float | None = None
         self._brought_forward = False
         self._held: QtWidgets.QAbstractButton | None = None
+        self._held_name = ''  # when it went down; it may be another kart's now
         self._under: QtWidgets.QWidget | None = None
 
     def take_activation(self, active: bool) -> None:
@@ -278,10 +279,10 @@ class Mouse:
             buttons = self._window.findChildren(QtWidgets.QAbstractButton)
             if held is not None and age >= STALE and held in buttons:
                 held.setDown(False)
-                self._late.drop(_called(held), age)
+                self._late.drop(self._held_name, age)
             elif isinstance(held, CommandButton) and held is not target:
                 why = 'the pointer had left the button. Click again.'
-                self._bottom.say_unsent(_called(held), why)
+                self._bottom.say_unsent(self._held_name, why)
             return False
         shown = self._window.seen.seen(clock.now() - age)
         if shown is not None and self._presses.missed(target, shown.at(point)):
@@ -303,7 +304,7 @@ class Mouse:
             # A button may have appeared since the first press of a double click; the second press
             # is not meant for that button.
             return button is not None
-        self._held = button
+        self._held, self._held_name = button, _called(button)
         return False
 
     def _point_at(self, widget: QtWidgets.QWidget | None) -> None:
@@ -315,7 +316,7 @@ class Mouse:
             self._bottom.move(before, widget)
 
 
-def _called(button: QtWidgets.QAbstractButton) -> str:
+def _called(button: QtWidgets.QAbstractButton | None) -> str:
     if isinstance(button, CommandButton) and button.button is not None:
         return button.button.name
     return button.words if isinstance(button, Push) else ''

@@ -1146,12 +1146,19 @@ def test_a_key_or_a_click_that_was_too_old_is_named_if_it_means_anything(
         assert not console.commands
     console.go_on()
     console.look()
-    point = console.place('leave_race_1')
-    console.click_at(point, 'mousePress')
-    console.hang()
-    console.click_at(point, 'mouseRelease')
-    assert 'LEAVE kart 1 WAS NOT SENT' in console.text('status')
-    assert not console.commands
+    race, point = race_of(2, RaceState.IN_GARAGE), console.place('leave_race_1')
+    away = console.place('kart_red_red_2')
+    for hangs, released in ((True, point), (False, away)):
+        console.tell(race)
+        console.look()
+        console.click_at(point, 'mousePress')
+        console.tell(without(race, 1))  # the row is another kart's meanwhile
+        if hangs:
+            console.hang()
+        console.click_at(released, 'mouseRelease')
+        assert 'LEAVE kart 1 WAS NOT SENT' in console.text('status')
+        assert not console.commands
+        console.go_on()
 
 
 STOP_ACTS = {
