@@ -333,8 +333,13 @@ def start_green(start_bare: StartBare, *stacks: Stack) -> BareBridge:
     return bridge
 
 
-def test_a_bridge_that_falls_silent_is_red_red(stack: Stack, start_bare: StartBare) -> None:
-    start_green(start_bare, stack).fall_silent()
+def test_a_bridge_that_says_no_race_state_or_falls_silent_is_red_red(
+    stack: Stack, start_bare: StartBare
+) -> None:
+    bridge = start_green(start_bare, stack)
+    bridge.message.state = RaceStateMessage(state=99)
+    stack.wait_for_state(RED_RED)
+    bridge.fall_silent()
     stack.wait_for_reason('the bridge is silent, or this node was too busy to hear it')
     stack.wait_for_state(RED_RED)
 
