@@ -82,6 +82,12 @@ def test_a_count_that_begins_anew_is_another_session() -> None:
     assert made.trouble(2.0) is Trouble.RESTARTED
 
 
+def test_a_clock_that_a_restart_sets_back_is_no_second_fault() -> None:
+    made = account((1.0, passing(500.0, 41)), (2.0, passing(0.5, 1)), (3.0, passing(1.5, 2)))
+    assert made.counts[Trouble.RESTARTED] == 1
+    assert made.counts[Trouble.CLOCK] == 0
+
+
 def test_passings_that_were_not_received_are_counted_once_the_device_has_counted_by_one() -> None:
     made = account((1.0, passing(1.0, 41)), (2.0, passing(2.0, 45)))
     assert made.counts[Trouble.MISSED] == 0
