@@ -396,6 +396,8 @@ def test_nobody_asks_who_crossed_while_an_official_may_still_press() -> None:
     beam_of(story, 10.0)
     assert not story.laps.trouble(GREEN + 13.0)
     assert story.laps.trouble(GREEN + 13.1)
+    beam_of(story, 13.0)
+    assert story.laps.trouble(GREEN + 13.1)
 
 
 # ----- bounds -------------------------------------------------------------------------------
