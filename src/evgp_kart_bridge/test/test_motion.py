@@ -41,6 +41,15 @@ def test_a_pose_that_moves_is_a_speed_whatever_the_twist_says(speed: float, step
     assert after[-1] == 0.0
 
 
+def test_a_pose_that_is_no_number_any_more_contradicts_nothing() -> None:
+    motion = Motion()
+    for x in (0.0, 1.0):
+        motion.speed(0.0, x, 0.0, x)
+    assert motion.contradiction
+    assert motion.speed(0.0, math.nan, 0.0, 1.1) == 0.0
+    assert not motion.contradiction
+
+
 @given(SPEEDS, st.sampled_from([0.0, 7.0, math.nan]))
 def test_a_pose_that_is_not_filled_in_says_nothing(speeds: list[float], x: float) -> None:
     motion = Motion()
