@@ -11,6 +11,7 @@ import socket
 import threading
 import time
 
+from evgp_kart_bridge import link
 from evgp_kart_bridge.link import LinkClosedError, LinkSettings, LinkStatus, RaceControlLink
 from evgp_protocol.arbiter import Arbiter, Reaction, Settings, Verdict
 from evgp_protocol.frames import encode
@@ -233,6 +234,19 @@ def test_it_reconnects_after_every_loss(race_control: RaceControl) -> None:
         assert running.status.connections == count
         connection.close()
         running.wait_for(lambda verdict: not verdict.connected, len(running.verdicts))
+
+
+def test_each_connection_that_was_heard_makes_the_wait_for_the_next_short_again(
+    race_control: RaceControl, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(link, 'FIRST_WAIT', 1e-3)
+    monkeypatch.setattr(link, 'LAST_WAIT', 1e6)
+    running = race_control.start_link()
+    for _ in range(20):  # by doubling, the last wait would be of minutes
+        connection = race_control.accept()
+        connection.sendall(encode(IN_GARAGE))
+        running.wait_for(lambda verdict: verdict.connected, len(running.verdicts))
+        connection.close()
 
 
 def test_a_closed_port_is_named_and_tried_until_it_opens(race_control: RaceControl) -> None:
