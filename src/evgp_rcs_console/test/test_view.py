@@ -408,7 +408,8 @@ def test_every_kart_that_needs_the_msr_is_named_and_that_it_is_in_use_stays_to_b
 def test_the_order_of_start_is_shown_before_the_race_and_who_is_next_at_any_time() -> None:
     heats = Heat('Final', (3, 7)), Heat('TT 3', (3,)), Heat('Next', (3, 9))
     grids = HeatGrid('Final', (7, 3)), HeatGrid('TT 3', (3,)), HeatGrid('Next', ())
-    known = timing(grids=grids, races=(RaceOfEvent(1, 'TT 3', 7200.0, 3, counts=True),))
+    runs = [RaceOfEvent(each, 'TT 3', 3600.0 * each, 3, counts=each == 1) for each in (1, 2)]
+    known = timing(grids=grids, races=tuple(runs))
     fields = {'karts': (replace(KART, number=3), KART), 'heats': heats, 'heat': 'Final'}
     run, final = f'run at {time_of_day(7200.0)[:5]}', 'Final: 7, 3  (in grid order, in the race)'
 
