@@ -857,7 +857,9 @@ def test_the_races_of_the_event_are_listed_with_the_numbers_by_which_one_is_chos
 
 def test_a_kart_whose_last_lap_is_done_is_named_in_the_strip_and_in_its_row() -> None:
     race = replace(GREEN, stamp=90.0)
-    known = timing(stamp=90.0, karts=(driven(7, 6),))
+    lap_taken = Penalty(7, 0, 1, False, 'short cut', 'Ben')  # it has driven that lap all the same
+    kart = driven(7, 6)._replace(laps=5, penalties=(lap_taken,))
+    known = timing(stamp=90.0, karts=(kart,))
 
     screen = Screen(race, 0.0, {}, None, known)
 
