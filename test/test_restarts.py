@@ -301,3 +301,26 @@ def test_a_program_that_dies_again_and_again_is_tried_again_and_ends_with_ctrl_c
 
     assert log.read_text().splitlines() == ['run'] * 3
     assert all('SIGKILL' in line and 'Starting it again' in line for line in told)
+
+
+OFTEN_HEALTHY = """
+import sys
+from evgp_node import restarting
+restarting.HEALTHY = 0.0
+sys.exit(restarting.keep_running(sys.argv[1:]))
+"""
+
+
+def test_a_program_that_ran_for_long_is_started_again_at_once_however_often_it_died(
+    tmp_path: pathlib.Path,
+) -> None:
+    command = [sys.executable, '-c', PROGRAM, str(tmp_path / 'log')]
+    with subprocess.Popen(
+        [sys.executable, '-c', OFTEN_HEALTHY, *command], stderr=subprocess.PIPE, text=True
+    ) as kept:
+        assert kept.stderr is not None
+        told = [kept.stderr.readline() for _ in range(3)]
+        kept.send_signal(signal.SIGINT)
+        kept.wait(PATIENCE)
+
+    assert all(line.endswith('Starting it again now.\n') for line in told), told
