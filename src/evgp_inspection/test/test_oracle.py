@@ -111,6 +111,18 @@ def test_a_stop_whose_odometry_has_a_gap_is_not_judged(begins: float) -> None:
     assert findings['K-3A-15'].verdict is Verdict.NOT_JUDGED
 
 
+def test_a_breach_stays_one_whatever_cannot_be_judged_after_it() -> None:
+    moves_off = trace(RaceState.RED_RED, 5.0, 0.1, 12.0, moves_off=6.0)
+    unseen = [
+        event._replace(at=event.at + 40.0, link=2)
+        for event in trace(RaceState.RED_RED, 5.0, 0.1, 12.0)
+        if not (event.kind is Kind.SPEED and 8.2 < event.at < 8.2 + GAP)
+    ]
+    findings = Oracle.of([*moves_off, *unseen], LIMITS).findings()
+    assert findings['K-3A-15'].verdict is Verdict.FAIL
+    assert findings['K-3A-14'].verdict is Verdict.NOT_JUDGED
+
+
 @pytest.mark.parametrize('stop', [RaceState.RED_RED, None])
 @pytest.mark.parametrize('again', [0.45, 0.85, -0.5])
 def test_a_kart_that_gets_faster_again_while_it_brakes_is_found(
