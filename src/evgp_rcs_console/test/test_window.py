@@ -601,11 +601,13 @@ def test_a_window_that_is_not_active_says_so_and_takes_the_first_click_for_no_co
     assert field.text() == texts.KEYS_OFF_LARGE
     assert field.font().pixelSize() * 2 > console.find('all_kill').font().pixelSize()
 
-    console.click('kart_finish_1')
-    assert not console.sent
-    assert 'click again' in console.text('status').lower()
-    other.activateWindow()
-    console.settle(0.1)
+    for _ in range(2):  # it does so each time
+        console.window.bottom.say('')
+        console.click('kart_finish_1')
+        assert not console.sent
+        assert 'click again' in console.text('status').lower()
+        other.activateWindow()
+        console.settle(0.1)
     console.click('kart_red_red_1')
     console.click('all_kill')
 
