@@ -222,12 +222,13 @@ class KartServer:
                 taking.listen(CONNECTION_QUEUE)
         except OSError as error:
             host, port = self._settings.host, self._settings.port
+            # From CPython 3.13 on, asyncio raises an error without a number for such an address.
             why = {
                 errno.EADDRINUSE: 'another program uses the port, perhaps another race control. '
                 'End it',
                 errno.EADDRNOTAVAIL: 'this machine does not have that address. Connect its '
                 "network, or set the one that it has on the karts' network (make run ADDRESS=...)",
-            }.get(error.errno or 0, in_words(error))
+            }.get(error.errno or errno.EADDRNOTAVAIL, in_words(error))
             raise KartServerError(
                 f'race control cannot listen for karts at {host}, port {port}: {why}'
             ) from error
