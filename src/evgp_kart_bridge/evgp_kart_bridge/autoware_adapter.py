@@ -19,13 +19,12 @@ from autoware_adapi_v1_msgs.msg import ManualOperatorHeartbeat, MotionState, Ope
 from evgp_kart_bridge.watch import RaceStateWatch
 from evgp_node.parameters import StrictNode
 from evgp_node.process import OnFailure, run_node
-from evgp_node.qos import latched
+from evgp_node.qos import latched, volatile
 from evgp_node.stamps import stamp
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from tier4_control_msgs.srv import SetStop
 from tier4_external_api_msgs.srv import SetEmergency
@@ -40,12 +39,7 @@ GRANTED_FOR = 1.0
 """Time for which the adapter relies on a granted stop, in seconds. It waits equally long for
 Autoware to grant a new one."""
 
-HEARTBEAT_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
+HEARTBEAT_QOS = volatile(1)
 
 
 class StopRequest:

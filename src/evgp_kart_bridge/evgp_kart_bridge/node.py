@@ -37,7 +37,7 @@ from evgp_kart_bridge.watch import LEASE, NewReasons, race_state_qos
 from evgp_node.graph import KEEPS_APART
 from evgp_node.parameters import check_address, ParameterError, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
-from evgp_node.qos import DIAGNOSTICS_QOS, latched
+from evgp_node.qos import DIAGNOSTICS_QOS, latched, volatile
 from evgp_node.rclpy_private import RCLError
 from evgp_node.stamps import stamp
 from evgp_node.states import state_message, state_of
@@ -69,12 +69,7 @@ stop."""
 REMOTE_TYPE = 'std_msgs/msg/Bool'
 """Type of `REMOTES`, as the ROS graph names it. A message of another type never arrives."""
 
-REMOTE_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=10,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
+REMOTE_QOS = volatile(10)
 """QoS of `REMOTES`. It ensures that no stop is lost. If a publisher's QoS does not ensure this,
 the bridge treats that publisher as a stop."""
 

@@ -8,25 +8,24 @@ from __future__ import annotations
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 
-def volatile(depth: int) -> QoSProfile:
-    """Return the QoS of reliable messages, the last `depth` of which wait to be delivered."""
+def _reliable(depth: int, durability: DurabilityPolicy) -> QoSProfile:
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.VOLATILE,
+        durability=durability,
     )
 
 
-DIAGNOSTICS_QOS = volatile(10)
-"""QoS of ``/diagnostics``, as its usual readers expect it."""
+def volatile(depth: int) -> QoSProfile:
+    """Return the QoS of reliable messages, the last `depth` of which wait to be delivered."""
+    return _reliable(depth, DurabilityPolicy.VOLATILE)
 
 
 def latched(depth: int) -> QoSProfile:
     """Return the QoS of a topic whose last `depth` messages also reach late subscribers."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
+    return _reliable(depth, DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+DIAGNOSTICS_QOS = volatile(10)
+"""QoS of ``/diagnostics``, as its usual readers expect it."""

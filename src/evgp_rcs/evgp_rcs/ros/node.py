@@ -40,6 +40,7 @@ from evgp_node.graph import (
 from evgp_node.official import heard, tidy
 from evgp_node.parameters import StrictNode
 from evgp_node.process import OnFailure, run_node
+from evgp_node.qos import volatile
 from evgp_node.rclpy_private import RCLError
 from evgp_node.roster import RosterError
 from evgp_node.states import state_of
@@ -84,12 +85,7 @@ of measuring time, because a stopped process makes no calls."""
 GRAPH_LOOK = 10
 """Number of signs of life for each check of the graph. A check takes the kernel up to 1 ms."""
 
-SERVICE_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1000,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
+SERVICE_QOS = volatile(1000)
 """QoS of the services. With ROS's usual depth of 10, the eleventh stop of a burst would push out
 the first stop before its answer. With KEEP_ALL, a client that does not read its answers could
 block the others."""
