@@ -276,8 +276,11 @@ class Mouse:
         released = kind == QtCore.QEvent.Type.MouseButtonRelease
         held, self._held = self._held, None
         if released:
-            buttons = self._window.findChildren(QtWidgets.QAbstractButton)
-            if held is not None and age >= STALE and held in buttons:
+            if (
+                held is not None
+                and age >= STALE
+                and held in self._window.findChildren(QtWidgets.QAbstractButton)
+            ):
                 held.setDown(False)
                 self._late.drop(self._held_name, age)
             elif isinstance(held, CommandButton) and held is not target:
