@@ -222,7 +222,7 @@ class KartServer:
                 taking.listen(CONNECTION_QUEUE)
         except OSError as error:
             host, port = self._settings.host, self._settings.port
-            # From CPython 3.13 on, asyncio raises an error without a number for such an address.
+            # From CPython 3.13 on, asyncio gives no number if this machine lacks the address.
             why = {
                 errno.EADDRINUSE: 'another program uses the port, perhaps another race control. '
                 'End it',
