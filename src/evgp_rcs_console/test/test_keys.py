@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
+import re
+
 from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console.keys import (
-    FORGOTTEN,
     is_kill,
     KartField,
     key_name,
@@ -16,7 +18,7 @@ from evgp_rcs_console.keys import (
     Stroke,
     WINDOW_KEYS,
 )
-from evgp_rcs_console.view import ANSWER_KEYS, FINISH_KEYS, Tone
+from evgp_rcs_console.view import ANSWER_KEYS, FINISH_KEYS
 import pytest
 
 
@@ -36,16 +38,22 @@ def test_a_key_of_all_kill_is_known_by_its_name_or_its_place(name: str, code: in
     assert is_kill(name, code)
 
 
-def test_keys_of_the_race_of_the_chosen_kart_of_a_letter_and_of_the_window() -> None:
-    assert meaning('F3') == Stroke((CommandKind.GREEN_GREEN,))
-    assert meaning('Ctrl+G') == Stroke((CommandKind.KART_IN_GARAGE,), to_chosen=True)
-    assert meaning('C') == Stroke(finish=2)
-    assert meaning('F10') == Stroke(window='F10')
-    assert meaning('7') == Stroke(digit='7')
-
-
-def test_a_key_that_answers_a_question_finishes_no_kart() -> None:
-    assert [meaning(key) for key in ('Y', 'N', 'Shift+Y', 'Shift+N')] == [None] * 4
+@pytest.mark.parametrize(
+    ('keys', 'stroke'),
+    [
+        ('F3', Stroke((CommandKind.GREEN_GREEN,))),
+        ('Ctrl+G', Stroke((CommandKind.KART_IN_GARAGE,), to_chosen=True)),
+        ('C', Stroke(finish=2)),
+        ('F10', Stroke(window='F10')),
+        ('7', Stroke(digit='7')),
+        ('Y N Shift+Y Shift+N', None),  # they answer a question, and finish no kart
+        ('Alt+F4 Ctrl+C Tab Ctrl+A ½', None),
+    ],
+)
+def test_each_key_means_a_command_a_finish_a_digit_something_in_the_window_or_nothing(
+    keys: str, stroke: Stroke | None
+) -> None:
+    assert {meaning(key) for key in keys.split()} == {stroke}
 
 
 def test_a_key_tells_whether_it_gives_a_stop() -> None:
@@ -58,10 +66,6 @@ def test_a_command_is_sent_although_shift_is_held() -> None:
     for key in KEYS:
         held, plus, last = key.rpartition('+')
         assert meaning(f'{held}{plus}Shift+{last}') == meaning(key)
-
-
-def test_other_keys_mean_nothing() -> None:
-    assert [meaning(key) for key in ('Alt+F4', 'Ctrl+C', 'Tab', 'Ctrl+A', '', '½')] == [None] * 6
 
 
 @pytest.mark.parametrize(
@@ -91,102 +95,73 @@ def test_a_key_means_the_same_on_every_layout(
 # ----- the kart of a command by key -----------------------------------------------------------
 
 
-@pytest.fixture
-def field() -> KartField:
-    """Return a field in which nothing stands."""
-    field = KartField()
+def play(script: str) -> tuple[list[int], KartField]:
+    """
+    Do what a script says in a new field; return the karts that its commands went to, and it.
+
+    ``!`` is a command, ``<`` the key Backspace, ``@7`` chooses kart 7 in the list, ``+5`` lets 5 s
+    pass, and each other digit is typed.
+    """
+    field, now, taken = KartField(), 100.0, []
     field.show_roster({2: 'Purdue', 7: 'Michigan', 12: 'Kennesaw', 27: 'Berkeley', 9999: 'Tech'})
-    return field
+    for what in re.findall(r'@\d+|\+[\d.]+|\S', script):
+        if what[0] == '@':
+            field.choose(int(what[1:]))
+        elif what[0] == '+':
+            now += float(what)
+        elif what == '<':
+            field.erase(now)
+        elif what == '!':
+            kart, why = field.take(now)
+            assert bool(why) is (kart == 0)
+            taken.append(kart)
+        else:
+            field.add(what, now)
+    field.expire(now)
+    return taken, field
 
 
-def type_number(field: KartField, digits: str, at: float = 0.0) -> None:
-    for digit in digits:
-        field.add(digit, at)
-
-
-def in_field(field: KartField) -> tuple[str, str, Tone]:
-    """Return what stands in the field, below, and in which tone."""
-    title, detail = field.cells()
-    return title.text, detail.text, title.tone
-
-
-def test_a_digit_shows_at_once_and_a_command_acts_on_the_kart_and_clears_it(
-    field: KartField,
+@pytest.mark.parametrize(
+    ('script', 'karts'),
+    [
+        ('27! ! 2! !', [27, 0, 2, 0]),
+        *((f'{number}! 2!', [0, 2]) for number in (1, 3, 28, 99999, 0, 99997, 9999999)),
+        # Digits are neither joined nor split by time until they are too old.
+        ('2 +4.9 7!', [27]),
+        ('2 +5 7!', [7]),
+        ('@2 7 +4.9 !', [7]),
+        ('@2 7 +5 !', [0]),
+        ('28 <!', [2]),
+        ('28 < < <!', [0]),
+        ('@12! +99!', [12, 12]),
+        ('@12 3! !', [0, 0]),  # not back to kart 12: nothing was said of it for long
+    ],
+)
+def test_a_command_by_key_goes_to_the_kart_that_is_typed_or_chosen_or_to_none(
+    script: str, karts: list[int]
 ) -> None:
-    type_number(field, '2')
-    assert in_field(field) == ('KART 2', 'Purdue', Tone.PLAIN)
-
-    type_number(field, '7')
-    assert in_field(field) == ('KART 27', 'Berkeley', Tone.PLAIN)
-    assert field.take(0.1) == (27, '')
-    assert field.kart == 0
-    type_number(field, '2', at=0.2)
-    assert field.take(0.3)[0] == 2
-    assert field.take(0.4)[0] == 0
+    assert play(script)[0] == karts
 
 
-@pytest.mark.parametrize('number', ['1', '3', '28', '99999', '0', '99997', '9999999'])
-def test_a_number_that_is_not_in_the_roster_is_no_other_kart(
-    field: KartField, number: str
-) -> None:
-    type_number(field, number)
-    assert field.kart == 0
-    assert in_field(field)[2] in (Tone.BAD, Tone.WAIT)
-
-    kart, why = field.take(0.0)
-
-    assert (kart, bool(why)) == (0, True)
-    assert in_field(field)[2] is Tone.BAD  # until another digit is typed
-    type_number(field, '2')
-    assert field.kart == 2
-
-
-def test_digits_are_neither_joined_nor_split_by_time_until_they_are_cleared_in_sight(
-    field: KartField,
-) -> None:
-    type_number(field, '2')
-    field.expire(FORGOTTEN - 0.1)
-    assert field.digits == '2'
-
-    field.expire(FORGOTTEN)
-    assert field.digits == ''
-    type_number(field, '7', at=FORGOTTEN)
-
-    assert field.take(FORGOTTEN)[0] == 7
-
-
-def test_a_command_for_a_number_that_was_typed_too_long_ago_acts_on_no_kart(
-    field: KartField,
-) -> None:
-    field.choose(2)
-    for waits, kart in ((0.5, 7), (FORGOTTEN, 0)):
-        type_number(field, '7', at=100.0)
-        found, why = field.take(100.0 + waits)
-        assert (found, bool(why)) == (kart, not kart)
-
-
-def test_backspace_takes_back_a_digit(field: KartField) -> None:
-    type_number(field, '28')
-
-    field.erase(0.0)
-
-    assert field.kart == 2
-    field.erase(0.0)
-    field.erase(0.0)
-    assert field.kart == 0
-
-
-def test_a_kart_that_was_chosen_in_the_list_stands_there_until_a_digit_is_typed(
-    field: KartField,
-) -> None:
-    field.choose(12)
-    assert in_field(field) == ('KART 12', 'Kennesaw', Tone.PLAIN)
-    assert [field.take(0.0)[0], field.take(99.0)[0]] == [12, 12]
-
-    type_number(field, '3', at=100.0)
-    assert field.take(100.0)[0] == 0
-    # Not back to the one before: nothing was said of it for long.
-    assert field.kart == 0
-    field.choose(12)
+def test_a_chosen_kart_that_leaves_the_roster_is_no_longer_chosen() -> None:
+    _, field = play('@12')
     field.show_roster({2: 'Purdue'})
     assert field.take(0.0)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ('script', 'title', 'detail', 'tone'),
+    [
+        ('2', 'KART 2', 'Purdue', Tone.PLAIN),
+        ('@12', 'KART 12', 'Kennesaw', Tone.PLAIN),
+        ('1', '1 …', 'no kart 1: keep typing', Tone.WAIT),
+        ('28', 'NO KART 28', 'not in the roster', Tone.BAD),
+        ('1!', 'NO KART 1', 'nothing was sent', Tone.BAD),  # until another digit is typed
+        ('1! 2', 'KART 2', 'Purdue', Tone.PLAIN),
+        ('2 +5', '', 'Type a kart number', Tone.FAINT),
+    ],
+)
+def test_the_field_shows_the_kart_at_once_and_what_is_wrong_with_a_number(
+    script: str, title: str, detail: str, tone: Tone
+) -> None:
+    assert play(script)[1].cells() == (Cell(title, tone), Cell(detail, tone))
