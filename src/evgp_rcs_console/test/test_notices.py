@@ -27,8 +27,6 @@ from example_race import KART, offers, RACE, replace
 import pytest
 from recorded_races import PaperRace
 
-KART_ALERTS = [each for each in AlertKind if '{kart}' in ALERT_WAS[each]]
-
 
 def alert(kart: int, **fields: Any) -> Alert:
     lost = Alert(AlertKind.KART_LOST, kart, 0.0, f'Kart {kart} lost its connection', False)
@@ -48,11 +46,6 @@ def shown(book: AlertBook) -> list[str]:
 
 def see_all(book: AlertBook) -> None:
     book.see([notice.number for notice in book.shown])
-
-
-def event(sequence: int, text: str, kart: int = 0, success: bool = True) -> StampedEvent:
-    happened = Event(EventKind.COMMAND, text, kart, success=success)
-    return StampedEvent(sequence, 0, 0.0, happened)
 
 
 SEEN = None
@@ -112,19 +105,6 @@ def test_an_alert_stays_until_it_is_over_and_seen_and_is_new_when_it_comes_again
         assert shown(book) == said
 
 
-def test_an_alert_of_the_console_itself_stays_through_every_race_until_it_is_seen() -> None:
-    book = AlertBook()
-    book.add_own('ALL KILL is no longer sent')
-    book.update([alert(7)])
-    book.update([])
-    book.begin_race()
-    assert shown(book) == ['! ALERT: ALL KILL is no longer sent']
-
-    see_all(book)
-
-    assert shown(book) == []
-
-
 def test_what_is_unseen_and_needs_the_msr_stands_first_and_what_is_seen_last() -> None:
     book = AlertBook()
     book.update([msr_alert(1), alert(2)])
@@ -154,44 +134,27 @@ def test_two_race_controls_that_speak_in_turn_do_not_pile_up_alerts() -> None:
     assert len(shown(book)) == 2
 
 
-def test_the_log_of_a_kart_has_what_concerns_it_and_all_and_a_refusal_is_marked() -> None:
-    log = EventLog(OfficialNames())
-    for sequence, kart in enumerate((0, 1, 2), start=1):
-        log.add(event(sequence, f'event of {kart}', kart, success=kart != 2))
-
-    assert [(line.clock, line.text) for line in log.lines(2)] == [
-        (time_of_day(0.0), 'event of 0'),
-        (time_of_day(0.0), '✗ event of 2'),
-    ]
-    assert len(log.lines()) == 3
-
-
-def said_in_a_race(*karts: int) -> list[str]:
-    """Return the log of a race in which the first two karts finish."""
-    paper = PaperRace({each: f'Team {each} (FH)' for each in karts})
-    log = EventLog(OfficialNames())
-    official = 'Anna (pc 1)'
-    paper.connect(*karts)
+def test_the_log_says_a_race_in_a_few_short_lines_without_teams() -> None:
+    paper = PaperRace({each: f'Team {each} (FH)' for each in (3, 7, 11)})
+    log, official = EventLog(OfficialNames()), 'Anna (pc 1)'
+    paper.connect(3, 7, 11)
     for kind in (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN):
         paper.command(kind, official=official)
         paper.acknowledge()
     paper.wait(95.0)
-    for each in karts[:2]:
-        paper.command(CommandKind.KART_FINISH, each, official)
+    for kart in (3, 7):
+        paper.command(CommandKind.KART_FINISH, kart, official)
     paper.wait(6.0)
     paper.acknowledge()
     paper.wait(3.0)
-    paper.command(CommandKind.ALL_KILL, official=official)
+    paper.command(CommandKind.ALL_KILL, official=official, age=65.0)
     paper.acknowledge()
     paper.wait(9.0)
     for stamped in paper.stamped:
         said = stamped.event._replace(text=spoken(stamped.event.text))
         log.add(stamped._replace(event=said))
-    return [line.text for line in log.lines()]
 
-
-def test_the_log_says_a_race_in_a_few_short_lines_without_teams() -> None:
-    assert said_in_a_race(3, 7, 11) == [
+    assert [line.text for line in log.lines()] == [
         'Karts 3, 7, 11 connected',
         'GRID ACTIVE · Anna',
         'Every kart in the race acknowledged GRID ACTIVE',
@@ -203,14 +166,14 @@ def test_the_log_says_a_race_in_a_few_short_lines_without_teams() -> None:
         'Kart 3: RED FLAG (finished, P1)',
         'Karts 3, 7 acknowledged RED FLAG',
         'Every kart in the race acknowledged its order',
-        'ALL KILL · Anna',
+        'ALL KILL, pressed 65 s ago · Anna',
         'Every kart in the race acknowledged RED RED',
     ]
 
 
 def test_every_alert_that_has_ended_is_told_in_words_in_the_log_and_until_it_is_seen() -> None:
     for kind in AlertKind:
-        kart = 7 if kind in KART_ALERTS else 0
+        kart = 7 if '{kart}' in ALERT_WAS[kind] else 0
         book, log = AlertBook(), EventLog(OfficialNames())
         book.update([Alert(kind, kart, 0.0, 'it is so', True)])
         book.update([])
@@ -229,7 +192,10 @@ def test_a_line_of_several_karts_is_of_each_of_them_and_only_what_is_the_same_jo
 
     def add(sequence: int, kart: int, kind: EventKind, state: RaceState | None = None) -> int:
         """Add an event; return the number of lines afterwards."""
-        log.add(StampedEvent(sequence, 0, 0.0, Event(kind, 'so it is', kart, state)))
+        success = kind is not EventKind.DISCONNECTED
+        log.add(
+            StampedEvent(sequence, 0, 0.0, Event(kind, 'so it is', kart, state, success=success))
+        )
         return len(log.lines())
 
     red, flag = RaceState.RED_RED, RaceState.RED_FLAG
@@ -240,44 +206,32 @@ def test_a_line_of_several_karts_is_of_each_of_them_and_only_what_is_the_same_jo
 
     both, other, gone = (line.text for line in log.lines())
     assert both == 'Karts 1, 12 acknowledged RED RED'
-    assert (other, gone) == ('Kart 5 acknowledged RED FLAG', 'so it is')
-    assert [line.text for line in log.lines(12)] == [both]
+    assert (other, gone) == ('Kart 5 acknowledged RED FLAG', '✗ so it is')
+    assert {line.clock for line in log.lines()} == {time_of_day(0.0)}
     assert [line.text for line in log.lines(5)] == [other, gone]
     # A line about all karts is never replaced by a line about one.
     assert add(5, 0, EventKind.ALL_ACKNOWLEDGED, flag) == 4
+    assert [line.text for line in log.lines(12)] == [both, 'so it is']
     assert add(6, 9, EventKind.ACKNOWLEDGED, flag) == 5
     # No event of a new run joins a line of the last run.
     assert add(1, 1, EventKind.CONNECTED) == 7
     assert log.lines()[5].text == NEW_RUN
 
 
-def test_a_stop_that_came_late_says_so_in_the_log() -> None:
-    kill = Event(EventKind.COMMAND, 'so it is', command=CommandKind.ALL_KILL)
-    log = EventLog(OfficialNames())
-    log.add(StampedEvent(1, 0, 0.0, kill._replace(official='Anna (pc 1)', after=65.0)))
-
-    assert [line.text for line in log.lines()] == ['ALL KILL, pressed 65 s ago · Anna']
-
-
 def test_an_official_is_called_by_name_wherever_the_race_names_one_unless_two_have_it() -> None:
     officials = OfficialNames()
-    held = 'ALL KILL by Anna (pc 1); RED RED by Bob (pc 2)'
-    why = f'kart 7 (Purdue) is held: {held}'
-    refused = offers(Availability(CommandKind.KART_FINISH, False, why))
-    kart = replace(KART, hold_reason=held, commands=refused)
-    race = replace(RACE, karts=(kart,), commands=refused, state_cause='ALL KILL by Anna (pc 1)')
-    for claim in ('Anna (pc 1)', 'Bob (pc 2)'):
+
+    def race_with(held: str) -> Snapshot:
+        refused = offers(Availability(CommandKind.KART_FINISH, False, f'kart 7 is held: {held}'))
+        kart = replace(KART, hold_reason=held, commands=refused)
+        return replace(RACE, karts=(kart,), commands=refused, state_cause=held)
+
+    message = message_of(race_with('ALL KILL by Anna (pc 1); RED RED by Bob (pc 2)'), msg.Race)
+    for claim, told in (
+        ('Anna (pc 1)', 'ALL KILL by Anna; RED RED by Bob (pc 2)'),
+        ('Bob (pc 2)', 'ALL KILL by Anna; RED RED by Bob'),
+        ('Anna (pc 3)', 'ALL KILL by Anna (pc 1); RED RED by Bob'),
+    ):
         officials.take(claim)
-
-    def named() -> Snapshot:
-        return value_of(message_of(race, msg.Race), Snapshot, officials.in_text)
-
-    told = 'ALL KILL by Anna; RED RED by Bob'
-    assert (named().state_cause, named().karts[0].hold_reason) == ('ALL KILL by Anna', told)
-    for commands in (named().commands, named().karts[0].commands):
-        assert [each.reason for each in commands if each.reason] == [
-            f'kart 7 (Purdue) is held: {told}'
-        ]
-    officials.take('Anna (pc 3)')
-    assert named().state_cause == race.state_cause
+        assert value_of(message, Snapshot, officials.in_text) == race_with(told)
     assert officials.names == ['Anna', 'Bob']
