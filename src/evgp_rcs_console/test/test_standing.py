@@ -85,31 +85,27 @@ def test_a_stop_that_failed_is_pressed_on_and_says_why_until_it_is_refused_for_g
 
 
 @pytest.mark.parametrize(
-    'later', [CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN, CommandKind.IN_GARAGE]
+    ('later', 'kart', 'ended'),
+    [
+        (CommandKind.GRID_ACTIVE, 0, {*STOPS} - {CommandKind.ALL_KILL, CommandKind.RECORD_MSR}),
+        (CommandKind.GREEN_GREEN, 0, {*STOPS} - {CommandKind.ALL_KILL, CommandKind.RECORD_MSR}),
+        (CommandKind.IN_GARAGE, 0, {*STOPS} - {CommandKind.ALL_KILL, CommandKind.RECORD_MSR}),
+        (CommandKind.KART_IN_GARAGE, 7, {CommandKind.KART_RED_RED, CommandKind.KART_RED_FLAG}),
+        (CommandKind.KART_IN_GARAGE, 8, set()),
+    ],
 )
-def test_what_an_official_loosens_later_ends_the_stops_given_before(later: CommandKind) -> None:
+def test_what_an_official_loosens_later_ends_the_stops_given_before_that_it_undoes(
+    later: CommandKind, kart: int, ended: set[CommandKind]
+) -> None:
     stops = StandingStops()
     for command in STOPS:
         stops.add(Given(command, kart_of(command), at=0.0), 0.0)
 
-    stops.accepted(Given(later, at=1.0))
+    stops.accepted(Given(later, kart, at=0.0))
+    assert len(stops.pressed) == len(STOPS)  # none of them was given before
+    assert stops.accepted(Given(later, kart, at=1.0)) is bool(ended)
 
-    stand = [stop.given.command for stop in stops.pressed]
-    assert stand == [CommandKind.ALL_KILL, CommandKind.RECORD_MSR]
-
-
-def test_the_release_of_a_kart_ends_the_stops_of_that_kart_only_and_no_later_one() -> None:
-    stops = StandingStops()
-    for kart in (1, 2):
-        stops.add(Given(CommandKind.KART_RED_RED, kart, at=0.0), 0.0)
-        stops.add(Given(CommandKind.KART_RED_FLAG, kart, at=0.0), 0.0)
-    later = Given(CommandKind.KART_RED_RED, 1, at=2.0)
-    stops.add(later, 2.0)
-
-    stops.accepted(Given(CommandKind.KART_IN_GARAGE, 1, at=1.0))
-
-    assert sorted(stop.given.kart for stop in stops.pressed) == [1, 2, 2]
-    assert stops.waits(later)
+    assert {*STOPS} - {stop.given.command for stop in stops.pressed} == ended
 
 
 def test_what_a_press_has_waited_in_a_window_is_told_and_ends_no_stop() -> None:
@@ -200,21 +196,15 @@ def test_the_answer_to_an_older_press_leaves_the_newer_one_waiting() -> None:
     assert not unanswered
 
 
-def test_of_several_commands_the_one_that_has_waited_longest_is_told_once_it_is_late() -> None:
+def test_what_has_waited_longest_is_told_once_it_is_late() -> None:
     unanswered = Unanswered()
     older, newer = Given(CommandKind.RACE_OVER, at=1.0), Given(CommandKind.JOIN_RACE, 7, at=1.1)
     unanswered.add(newer)
     unanswered.add(older)
-
-    assert unanswered.oldest(1.0 + LATE / 2) is None
-    assert unanswered.oldest(2.0) is older
-
-
-def test_stops_are_told_once_they_are_late() -> None:
-    unanswered = Unanswered()
     kill = Standing(Given(CommandKind.ALL_KILL), since=1.0)
     flag = Standing(Given(CommandKind.RED_FLAG), since=2.0)
     unanswered.stops = (kill, flag)
 
-    late = [unanswered.late_stops(since + LATE / 2) for since in (1.0, 2.0, 3.0)]
-    assert late == [[], [kill], [kill, flag]]
+    for at, command, stops in ((1.0, None, []), (2.0, older, [kill]), (3.0, older, [kill, flag])):
+        assert unanswered.oldest(at + LATE / 2) is command
+        assert unanswered.late_stops(at + LATE / 2) == stops
