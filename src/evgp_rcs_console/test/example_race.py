@@ -53,11 +53,22 @@ RACE = NOTHING._replace(
 
 
 def warning(
-    race: Snapshot, two: bool = False, silent_for: float = 0.0, ended: bool = False
+    race: Snapshot,
+    two: bool = False,
+    silent_for: float = 0.0,
+    ended: bool | None = None,
+    then: Snapshot | None = None,
 ) -> Danger | None:
-    """Return the warning of a screen that heard this race, and then nothing for some time (s)."""
+    """
+    Return the warning of a screen that heard this race, and then nothing for some time (s).
+
+    :param ended: whether race control said that it ends in order; None: it said nothing.
+    :param then: what came last.
+    """
     latest = Latest(began=0.0, looking='here')
     latest.take_race(race, 0.0, two)
-    if ended:
-        latest.take_event(Event(EventKind.ENDED, 'it ends'))
+    if ended is not None:
+        latest.take_event(Event(EventKind.ENDED, 'it ends', success=ended))
+    if then is not None:
+        latest.take_race(then, 0.0, False)
     return latest.danger(silent_for)

@@ -29,15 +29,12 @@ from evgp_rcs.rules.race import (
     Alert,
     AlertKind,
     Availability,
-    Event,
-    EventKind,
     Heat,
     TrackAccess,
 )
 from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import Cell, GONE_AFTER, STATE_CELLS, STATES, tally, time_of_day, Tone
 from evgp_rcs_console import texts
-from evgp_rcs_console.commands import request
 from evgp_rcs_console.results import races
 from evgp_rcs_console.results import table as results_table
 from evgp_rcs_console.view import (
@@ -48,6 +45,7 @@ from evgp_rcs_console.view import (
     FINISH_KEYS,
     KART_COMMANDS,
     Latest,
+    Pending,
     RACE_COMMANDS,
     REMINDS_FOR,
     Screen,
@@ -59,13 +57,18 @@ import pytest
 
 GREEN_GREEN, GRID_ACTIVE = RaceState.GREEN_GREEN, RaceState.GRID_ACTIVE
 IN_GARAGE, RED_FLAG, RED_RED = RaceState.IN_GARAGE, RaceState.RED_FLAG, RaceState.RED_RED
-OFFERED = Availability(CommandKind.GREEN_GREEN, True)
 SILENT = Danger('gone', 'MSR', 'long ago', texts.GONE_REASON, stale=True)
 
 
-def screen_of(results: Standings | None = None, **changes: Any) -> Screen:
+def screen_of(
+    results: Standings | None = None,
+    age: float = 0.0,
+    pending: Pending = {},  # noqa: B006 - nobody changes it
+    danger: Danger | None = None,
+    **changes: Any,
+) -> Screen:
     """Return the screen of the example race in which some fields differ."""
-    return Screen(replace(RACE, **changes), 0.0, {}, None, results)
+    return Screen(replace(RACE, **changes), age, pending, danger, results)
 
 
 def with_kart(results: Standings | None = None, **changes: Any) -> Screen:
@@ -73,16 +76,9 @@ def with_kart(results: Standings | None = None, **changes: Any) -> Screen:
     return screen_of(results, karts=(replace(KART, **changes),))
 
 
-def button_on(screen: Screen, command: CommandKind | Act, kart: int = 0) -> Button:
-    """Return the button of a command, which the screen must have."""
-    button = screen.button(command, kart)
-    assert button is not None
-    return button
-
-
 def steps(screen: Screen) -> list[CommandKind]:
     """Return the commands to the race that are marked as the next step."""
-    return [each.command for each in screen.race if each.is_next]  # type: ignore[misc]
+    return [each.command for each in screen.race if each.is_next]
 
 
 def lost(kart: int) -> Alert:
@@ -103,63 +99,27 @@ def driven(kart: int, laps: int) -> KartResult:
 # ----- buttons and questions ----------------------------------------------------------------
 
 
-def test_every_command_that_loosens_asks_for_a_condition_and_no_stop_but_the_statement_does() -> (
-    None
-):
-    screen = screen_of()
-    buttons = [*screen.race, screen.msr_button, *screen.rows[0].buttons]
-
-    assert {button.command for button in buttons if button.asks} == {
-        CommandKind.GRID_ACTIVE,
-        CommandKind.GREEN_GREEN,
-        CommandKind.IN_GARAGE,
-        CommandKind.RECORD_MSR,
-        CommandKind.KART_IN_GARAGE,
-    }
-    assert screen.track_button.asks
-
-
-def button_of(command: CommandKind, offered: Availability, **changes: object) -> Button:
-    """Return the button of a command, given its availability and the fields of the kart."""
-    commands = offers(offered._replace(command=command))
-    kart = replace(KART, commands=commands, **changes)
-    others = tuple(replace(KART, number=n, sent=RED_RED) for n in (1, 2, 3))
-    screen = screen_of(commands=commands, karts=(*others, kart))
-    return button_on(screen, command, 7 if CATALOGUE[command].to_one_kart else 0)
-
-
 @pytest.mark.parametrize(
-    ('command', 'field'),
-    [
-        (CommandKind.GRID_ACTIVE, 'track_clear'),
-        (CommandKind.IN_GARAGE, 'track_safe'),
-        (CommandKind.KART_IN_GARAGE, 'made_safe_by_hand'),
-    ],
+    'command', [CommandKind.GRID_ACTIVE, CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE]
 )
-def test_a_statement_is_sent_only_if_race_control_asked_for_it_in_its_words(
-    command: CommandKind, field: str
-) -> None:
-    asked = button_of(command, OFFERED._replace(statement='something is so'))
-    not_asked = button_of(command, OFFERED)
-
-    assert 'something is so' in asked.question.condition
-    assert request(asked.gives, 0.0)[field] is True
-    assert not_asked.question.condition
-    assert request(not_asked.gives, 0.0)[field] is False
+def test_no_statement_is_sent_that_race_control_has_not_asked_for(command: CommandKind) -> None:
+    asked = screen_of().button(command, 7 * CATALOGUE[command].to_one_kart)
+    assert asked.question.condition
+    assert not asked.gives.stated
 
 
 def test_a_question_about_other_karts_another_statement_or_hold_is_another_question() -> None:
     def asking(statement: str, *karts: int) -> Button:
-        offered = OFFERED._replace(statement=statement, karts=karts)
-        return button_of(CommandKind.GREEN_GREEN, offered)
+        offered = Availability(CommandKind.GREEN_GREEN, True, statement=statement, karts=karts)
+        others = (replace(KART, number=number, sent=RED_RED) for number in (1, 2, 3))
+        screen = screen_of(commands=offers(offered), karts=(*others, KART))
+        return screen.button(CommandKind.GREEN_GREEN)
 
     asked = asking('one', 1, 2)
-    for other in (asking('one', 1, 2, 3), asking('other', 1, 2), asking('', 1, 2)):
+    of_hold = replace(asked, gives=replace(asked.gives, taken={'hold': RED_FLAG}))
+    for other in (asking('one', 1, 2, 3), asking('other', 1, 2), asking('', 1, 2), of_hold):
         assert not asked.asks_the_same(other)
     assert asked.asks_the_same(replace(asked, reason='not now', label='other'))
-    assert not asked.asks_the_same(
-        replace(asked, gives=replace(asked.gives, taken={'hold': RED_FLAG}))
-    )
 
 
 def test_a_question_speaks_of_one_kart_and_of_several_and_says_who_stays_held_and_why() -> None:
@@ -167,7 +127,7 @@ def test_a_question_speaks_of_one_kart_and_of_several_and_says_who_stays_held_an
     seven = offers(*(Availability(each, True, karts=(7,)) for each in RACE_COMMANDS))
 
     def said(screen: Screen, command: CommandKind, kart: int = 0) -> tuple[str, ...]:
-        return (*button_on(screen, command, kart).question.consequences,)
+        return (*screen.button(command, kart).question.consequences,)
 
     screen = screen_of(commands=seven, karts=(held, KART))
     assert said(screen, CommandKind.GREEN_GREEN)[0] == (
@@ -187,21 +147,15 @@ def test_a_question_speaks_of_one_kart_and_of_several_and_says_who_stays_held_an
         assert ('REHEARSAL' in table(screen)[0]) is bool(banner)
 
 
-NO_RACE_YET = replace(
-    RACE.track, reason='nobody has stated it yet', settled_by=CommandKind.OPEN_TRACK
-)
-
-
-@pytest.mark.parametrize('statement', ['', 'no race is under way anywhere'])
-def test_to_open_the_track_under_the_msr_the_official_states_that_every_kart_stands(
-    statement: str,
-) -> None:
-    offered = offers(Availability(CommandKind.OPEN_TRACK, True, statement=statement))
-    for msr_used in (True, False):
-        track = replace(RACE.track, allowed=True, msr_used=msr_used)
+def test_to_open_the_track_under_the_msr_the_official_states_that_every_kart_stands() -> None:
+    for statement, by_msr in itertools.product(
+        ('', 'no race is under way anywhere'), (True, False)
+    ):
+        offered = offers(Availability(CommandKind.OPEN_TRACK, True, statement=statement))
+        track = replace(RACE.track, allowed=True, msr_used=by_msr)
         condition = screen_of(track=track, commands=offered).track_button.question.condition
         assert statement in condition
-        assert ('every kart is standing still' in condition) is msr_used
+        assert ('every kart is standing still' in condition) is by_msr
 
 
 def test_the_release_of_a_kart_that_needs_the_msr_recedes_and_stays_possible() -> None:
@@ -214,16 +168,11 @@ def test_the_release_of_a_kart_that_needs_the_msr_recedes_and_stays_possible() -
 
 def test_who_can_stop_the_race_is_told_to_whoever_starts_it_and_makes_no_other_question() -> None:
     screen = screen_of(able_to_stop=2, who_can_stop='Anna (window), button')
-    green = button_on(screen, CommandKind.GREEN_GREEN)
-    before = button_on(screen_of(), CommandKind.GREEN_GREEN)
+    green, before = (each.button(CommandKind.GREEN_GREEN) for each in (screen, screen_of()))
 
-    for said in (
-        green.question.caution,
-        texts.can_stop(screen.snapshot),
-        '\n'.join(table(screen)),
-    ):
-        assert '2 officials can stop the race' in said
-        assert 'Anna (window), button' in said
+    told = '2 officials can stop the race: Anna (window), button'
+    assert green.question.caution == f'{told}.'
+    assert told in table(screen)
     assert '0' not in before.question.caution
     assert green.asks_the_same(before)
 
@@ -234,7 +183,7 @@ def test_grid_active_asks_whether_a_heat_is_to_be_run_again_and_stays_the_same_q
 
     def asking(*ran: RaceOfEvent) -> Button:
         screen = screen_of(timing(races=ran), state=IN_GARAGE, heat='Heat 1')
-        return button_on(screen, CommandKind.GRID_ACTIVE)
+        return screen.button(CommandKind.GRID_ACTIVE)
 
     again, first = asking(ran, practised), asking(practised)
     clock = time_of_day(ran.stamp)[:5]
@@ -256,126 +205,107 @@ def test_every_command_to_karts_and_about_the_track_has_a_button() -> None:
 
 def test_without_race_control_or_with_two_only_stops_can_be_pressed() -> None:
     two = [warning(RACE, two=True), warning(alerting(AlertKind.TWO_RACE_CONTROLS))]
-    assert [each.title for each in two if each is not None] == [texts.TWO, texts.TWO]
+    assert [each.title for each in two] == [texts.TWO, texts.TWO]
     stops = {command for command, entry in CATALOGUE.items() if entry.stop}
     for told in (SILENT, *two):
-        screen = Screen(RACE, 5.0, {}, told)
+        screen = screen_of(age=5.0, danger=told)
         buttons = [*screen.race, screen.msr_button, *screen.rows[0].buttons]
         enabled = {button.command for button in buttons if button.enabled}
         assert enabled == stops - {CommandKind.ALL_KILL}
-        assert told is not None
         assert {each.reason for each in buttons if not each.enabled} == {told.barred}
         assert {each.phrase for each in screen.race if not each.enabled} == {told.barred}
-    for danger_now in (SILENT, None):  # before race control is heard
-        buttons = [*Screen(NOTHING, 0.0, {}, danger_now).race]
+    for told in (SILENT, None):  # before race control is heard
+        buttons = Screen(NOTHING, 0.0, {}, told).race
         assert [each.command for each in buttons if each.enabled] == [CommandKind.RED_FLAG]
 
 
 def test_a_command_that_waits_for_its_answer_shows_the_time_and_cannot_be_given_twice() -> None:
     pending = {(kind, 0): 2.1 for kind in (CommandKind.GREEN_GREEN, CommandKind.RED_FLAG)}
-    screen = Screen(replace(RACE, state=IN_GARAGE), 0.0, pending)
+    screen = screen_of(state=IN_GARAGE, pending=pending)
 
-    green = button_on(screen, CommandKind.GREEN_GREEN)
+    green = screen.button(CommandKind.GREEN_GREEN)
     why = 'no answer yet (2.1 s)'
     assert (green.enabled, green.reason, green.phrase) == (False, why, why)
-    assert button_on(screen, CommandKind.RED_FLAG).enabled
+    assert screen.button(CommandKind.RED_FLAG).enabled
 
 
 # ----- the track ----------------------------------------------------------------------------
 
 
+STOPPED_RACE = {'state': RED_RED, 'karts': (replace(KART, sent=RED_RED),)}
+AWAY = {'state': RED_RED, 'karts': (replace(KART, sent=RED_RED, connected=False),)}
+LOST = {'state': RED_RED, 'alerts': (replace(lost(7), use_msr=False),)}
+LOST['karts'] = (replace(KART, connected=False, may_be_moving=True, hold=RED_RED),)
+DRIVES = replace(KART, sent=GREEN_GREEN, acknowledged=True, may_be_moving=True)
+STOPS = replace(DRIVES, number=8, sent=RED_RED, hold=RED_RED)
+GREEN_RACE = {'state': GREEN_GREEN, 'karts': (DRIVES,)}
+NO_RACE_YET = replace(
+    RACE.track, reason='nobody has stated it yet', settled_by=CommandKind.OPEN_TRACK
+)
+LOUD = LOST | {'alerts': (lost(7),)}
+ONE_HELD = GREEN_RACE | {'karts': (DRIVES, STOPS)}
+ONE_LOST = ONE_HELD | {'alerts': (lost(8),)}
+GARAGED = replace(KART, sent=IN_GARAGE)
+FIRST_START = {'state': IN_GARAGE, 'track': NO_RACE_YET, 'karts': (GARAGED,)}
+DOUBTFUL_START = FIRST_START | {'karts': (replace(GARAGED, may_be_moving=True),)}
+SO, GREEN_NOW = 'so it is', 'the race is in GREEN GREEN'
+ONLY_MSR = 'Only the MSR can stop kart 7. Leave the MSR on until kart 7 is switched off'
+UNKNOWN = texts.HUMANS_UNKNOWN_REASON
+
+
 @pytest.mark.parametrize(
-    ('is_open', 'connected', 'allowed', 'msr', 'text', 'tone'),
+    ('track', 'changes', 'text', 'tone', 'reason'),
     [
-        (True, True, True, False, texts.TRACK_OPEN, Tone.GOOD),
-        (True, True, False, False, texts.CLEAR_TRACK, Tone.BAD),
-        (True, False, False, False, texts.CLEAR_TRACK, Tone.BAD),
-        (True, False, True, False, texts.UNHEARD_OPEN, Tone.WAIT),
-        (True, False, True, True, texts.TRACK_OPEN, Tone.GOOD),
-        (False, True, True, False, texts.TRACK_CLOSED, Tone.PLAIN),
-        (False, True, False, False, texts.KEEP_OFF, Tone.WAIT),
-        (False, False, False, False, texts.KEEP_OFF, Tone.WAIT),
-        (False, False, True, False, texts.UNHEARD_CLOSED, Tone.PLAIN),
-        (False, False, True, True, texts.TRACK_CLOSED, Tone.PLAIN),
+        ('open allowed', STOPPED_RACE, texts.TRACK_OPEN, Tone.GOOD, SO),
+        ('open', STOPPED_RACE, texts.CLEAR_TRACK, Tone.BAD, SO),
+        ('open', AWAY, texts.CLEAR_TRACK, Tone.BAD, SO),
+        ('open allowed', AWAY, texts.UNHEARD_OPEN, Tone.WAIT, UNKNOWN),
+        ('open allowed msr_used', AWAY, texts.TRACK_OPEN, Tone.GOOD, SO),
+        ('allowed', STOPPED_RACE, texts.TRACK_CLOSED, Tone.PLAIN, SO),
+        ('', STOPPED_RACE, texts.KEEP_OFF, Tone.WAIT, SO),
+        ('', AWAY, texts.KEEP_OFF, Tone.WAIT, SO),
+        ('allowed', AWAY, texts.UNHEARD_CLOSED, Tone.PLAIN, UNKNOWN),
+        ('allowed msr_used', AWAY, texts.TRACK_CLOSED, Tone.PLAIN, SO),
+        ('open allowed msr_used', LOST, texts.TRACK_OPEN_MSR, Tone.WAIT, ONLY_MSR),
+        ('allowed msr_used', LOST, texts.TRACK_CLOSED_MSR, Tone.WAIT, ONLY_MSR),
+        ('open allowed msr_used', LOUD, texts.CLEAR_TRACK, Tone.BAD, 'kart 7 was lost'),
+        # In a green race, nothing is wrong before a kart that is held may be moving.
+        ('', GREEN_RACE, texts.KEEP_OFF, Tone.PLAIN, GREEN_NOW),
+        ('', ONE_HELD, texts.KEEP_OFF, Tone.WAIT, f'{GREEN_NOW}; kart 8 may be moving'),
+        ('', ONE_LOST, texts.KEEP_OFF, Tone.BAD, f'kart 8 was lost; {GREEN_NOW}'),
+        # At a first start, nobody has stated yet that there is no race anywhere.
+        ('', FIRST_START, texts.TRACK_CLOSED, Tone.PLAIN, NO_RACE_YET.reason),
+        ('', DOUBTFUL_START, texts.KEEP_OFF, Tone.BAD, NO_RACE_YET.reason),
     ],
 )
 def test_humans_are_allowed_only_on_an_open_track_and_not_because_no_kart_is_connected(
-    is_open: bool, connected: bool, allowed: bool, msr: bool, text: str, tone: Tone
+    track: str, changes: dict[str, Any], text: str, tone: Tone, reason: str
 ) -> None:
-    track = TrackAccess(open=is_open, allowed=allowed, reason='so it is', msr_used=msr)
+    access = TrackAccess(False, False, SO, False)
+    access = replace(access, **dict.fromkeys(track.split(), True))
 
-    karts = (replace(KART, connected=connected, sent=RED_RED),)
-    screen = screen_of(state=RED_RED, karts=karts, track=track)
+    screen = screen_of(**{'track': access, **changes})
 
     assert screen.humans == Cell(text, tone)
-    unknown = text in (texts.UNHEARD_CLOSED, texts.UNHEARD_OPEN)
-    assert ('so it is' in screen.humans_reason) is not unknown
-
-
-def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr() -> None:
-    kart = replace(KART, connected=False, may_be_moving=True, hold=RED_RED)
-    calm = replace(lost(7), use_msr=False)
-    for is_open, alerts, said in (
-        (True, (calm,), Cell(texts.TRACK_OPEN_MSR, Tone.WAIT)),
-        (False, (calm,), Cell(texts.TRACK_CLOSED_MSR, Tone.WAIT)),
-        (True, (lost(7),), Cell(texts.CLEAR_TRACK, Tone.BAD)),
-    ):
-        track = TrackAccess(is_open, True, 'the MSR', True)
-        screen = screen_of(state=RED_RED, karts=(kart,), track=track, alerts=alerts)
-        assert screen.humans == said
-        assert texts.MSR_STOPS_IT in screen.rows[0].note.text
-        alone = 'Only the MSR can stop kart 7. Leave the MSR on until kart 7 is switched off'
-        assert (alone in screen.humans_reason) is (said.tone is Tone.WAIT)
-
-
-def test_in_a_green_race_a_kart_that_is_held_is_not_the_only_reason_to_keep_off() -> None:
-    driving = replace(KART, sent=GREEN_GREEN, acknowledged=True, may_be_moving=True)
-    held = replace(driving, number=8, sent=RED_RED, hold=RED_RED)
-    race = replace(GREEN, track=replace(RACE.track, reason='the race is in GREEN_GREEN'))
-
-    normal = Screen(replace(race, karts=(driving,)), 0.0, {})
-    one_held = Screen(replace(race, karts=(driving, held)), 0.0, {})
-
-    assert normal.humans == Cell(texts.KEEP_OFF)  # nothing is wrong
-    for screen in (normal, one_held):
-        assert 'the race is in GREEN GREEN' in screen.humans_reason
-    assert 'kart 8 may be moving' in one_held.humans_reason
-    assert one_held.humans.tone is Tone.WAIT
-    both = Screen(replace(race, karts=(driving, held), alerts=(lost(8),)), 0.0, {})
-    assert (both.humans.tone, 'kart 8 was lost' in both.humans_reason) == (Tone.BAD, True)
-
-
-def test_at_a_first_start_the_track_is_closed_and_nothing_is_wrong() -> None:
-    kart = replace(KART, sent=IN_GARAGE)
-    for doubtful, said in ((False, Cell(texts.TRACK_CLOSED)), (True, None)):
-        karts = (replace(kart, may_be_moving=doubtful),)
-        screen = screen_of(state=IN_GARAGE, track=NO_RACE_YET, karts=karts)
-        assert screen.humans == said or (doubtful and screen.humans.tone is Tone.BAD)
-        # To open the track settles by itself that nobody has stated it.
-        assert bool(screen.track_button.question.warning) is doubtful
+    assert reason in screen.humans_reason
+    if changes.get('track') is NO_RACE_YET:  # to open the track settles that
+        assert bool(screen.track_button.question.warning) is (tone is Tone.BAD)
 
 
 def test_nothing_is_yellow_while_a_race_goes_as_it_should() -> None:
-    track = TrackAccess(False, False, 'the race is under way', False)
     for place, sent in ((0, GREEN_GREEN), (1, RED_FLAG)):
         kart = replace(KART, sent=sent, reported=sent, acknowledged=True, place=place)
-        screen = screen_of(state=GREEN_GREEN, karts=(kart,), track=track)
+        screen = screen_of(state=GREEN_GREEN, karts=(kart,))
         assert Tone.WAIT not in (screen.humans.tone, screen.state.tone)
         assert steps(screen) == [CommandKind.RACE_OVER] * place
     for others in ((), (kart,)):
         karts = (replace(kart, number=8, place=0), *others)
         assert screen_of(state=GREEN_GREEN, karts=karts).state.tone is Tone.WAIT
-
-
-def test_no_step_is_the_next_while_karts_drive_to_their_flag_or_only_the_msr_stops_one() -> None:
-    driving = replace(KART, sent=GREEN_GREEN, acknowledged=True, place=1)
-    assert not steps(screen_of(state=GREEN_GREEN, karts=(driving,)))
-
+    # No step is the next while karts drive to their flag, or only the MSR stops one.
+    assert not steps(screen_of(state=GREEN_GREEN, karts=(replace(DRIVES, place=1),)))
     covered = TrackAccess(False, True, 'the MSR was used', True)
-    for doubtful in (True, False):
-        kart = replace(KART, connected=False, sent=RED_RED, may_be_moving=doubtful)
-        screen = screen_of(state=RED_RED, karts=(kart,), track=covered)
-        assert steps(screen) == [CommandKind.IN_GARAGE] * (not doubtful)
+    for changes, found in ((LOST, []), (AWAY, [CommandKind.IN_GARAGE])):
+        assert steps(screen_of(**(changes | {'track': covered}))) == found
 
 
 def test_every_kart_that_needs_the_msr_is_named_and_that_it_is_in_use_stays_to_be_read() -> None:
@@ -399,7 +329,10 @@ def test_every_kart_that_needs_the_msr_is_named_and_that_it_is_in_use_stays_to_b
     ):
         screen = screen_of(**{'state': RED_RED, 'karts': moving, **changes})
         assert screen.msr == said
-        assert said.text in '\n'.join(table(screen))
+        for row in screen.rows:
+            starts = row.note.text.startswith(texts.USE_MSR)
+            urgent = row.use_msr, starts, row.note.tone is Tone.BAD
+            assert urgent == (changes.get('alerts') is loud,) * 3
 
 
 # ----- heats and places ---------------------------------------------------------------------
@@ -477,37 +410,42 @@ def alerting(kind: AlertKind) -> Snapshot:
 
 def test_the_failure_of_a_part_of_race_control_asks_for_the_msr() -> None:
     told = warning(alerting(AlertKind.PART_FAILED))
-
     assert told == Danger(texts.FAILED, texts.USE_MSR, 'It is so.')
     assert warning(alerting(AlertKind.KART_LOST)) is None
 
 
+REST = replace(RACE, track=replace(RACE.track, allowed=True, reason='all are in the garage'))
 STOPPED_BY_MSR = replace(RACE.track, allowed=True, msr_used=True)
+UNCLEAR = replace(NO_RACE_YET, settled_by=CommandKind.IN_GARAGE)
 MOVING = (replace(KART, may_be_moving=True),)
+ENDED = {'ended': True}
 
 
 @pytest.mark.parametrize(
-    ('title', 'silent_for', 'ended', 'changes'),
+    ('title', 'silent_for', 'how', 'changes'),
     [
-        ('', 0.0, False, {}),
-        ('', GONE_AFTER - 0.01, True, {}),
-        (texts.GONE, GONE_AFTER, False, {}),
-        (texts.ENDED, GONE_AFTER, True, {'state': IN_GARAGE}),
-        (texts.ENDED, 5.0, True, {'track': NO_RACE_YET}),
-        (texts.GONE, 5.0, True, {'track': replace(RACE.track, reason='it is GREEN_GREEN')}),
-        (texts.GONE, 5.0, True, {'track': replace(NO_RACE_YET, settled_by=CommandKind.IN_GARAGE)}),
-        (texts.GONE, 5.0, True, {'karts': MOVING}),
-        (texts.GONE, 5.0, True, {'karts': MOVING, 'track': STOPPED_BY_MSR}),
-        (texts.GONE, 5.0, True, {'alerts': (lost(7),)}),
-        (texts.GONE, 5.0, True, {'alerts': (Alert(AlertKind.PART_FAILED, 0, 0.0, 'x', True),)}),
+        ('', 0.0, {}, {}),
+        ('', GONE_AFTER - 0.01, ENDED, {}),
+        (texts.GONE, GONE_AFTER, {}, {}),
+        (texts.ENDED, GONE_AFTER, ENDED, {'state': IN_GARAGE}),
+        (texts.ENDED, 5.0, ENDED, {'track': NO_RACE_YET}),
+        (texts.GONE, 5.0, ENDED, {'track': replace(RACE.track, reason='it is GREEN_GREEN')}),
+        (texts.GONE, 5.0, ENDED, {'track': UNCLEAR}),
+        (texts.GONE, 5.0, ENDED, {'karts': MOVING}),
+        (texts.GONE, 5.0, ENDED, {'karts': MOVING, 'track': STOPPED_BY_MSR}),
+        (texts.GONE, 5.0, ENDED, {'alerts': (lost(7),)}),
+        (texts.GONE, 5.0, ENDED, {'alerts': (Alert(AlertKind.PART_FAILED, 0, 0.0, 'x', True),)}),
+        # Only the orderly end of the one race control is taken for its end.
+        (texts.ENDED, 5.0, ENDED | {'then': REST}, {}),
+        (texts.GONE, 5.0, {'ended': False}, {}),
+        (texts.GONE, 5.0, ENDED | {'two': True, 'then': REST}, {}),
+        (texts.GONE, 5.0, ENDED | {'then': replace(REST, run='another')}, {}),
     ],
 )
 def test_race_control_is_gone_within_a_second_unless_it_ended_without_a_doubt(
-    title: str, silent_for: float, ended: bool, changes: dict[str, object]
+    title: str, silent_for: float, how: dict[str, Any], changes: dict[str, object]
 ) -> None:
-    rest = replace(RACE, track=replace(RACE.track, allowed=True, reason='all are in the garage'))
-
-    said = warning(replace(rest, **changes), silent_for=silent_for, ended=ended)
+    said = warning(replace(REST, **changes), silent_for=silent_for, **how)
 
     assert (said.title if said else '') == title
     assert GONE_AFTER < 1.0
@@ -518,28 +456,8 @@ def test_race_control_is_gone_within_a_second_unless_it_ended_without_a_doubt(
 
 def test_before_the_first_snapshot_there_is_no_sign_of_any_race() -> None:
     never = Latest(began=0.0).danger(3.0)
-    assert never is not None
     assert (never.title, never.barred) == (texts.NOT_YET, texts.NOT_YET_REASON)
     assert never.advice != texts.USE_MSR
-
-
-def test_only_the_orderly_end_of_the_one_race_control_is_taken_for_its_end() -> None:
-    quiet = replace(RACE, track=replace(RACE.track, allowed=True))
-    for two, next_run, success, title in (
-        (False, quiet.run, True, texts.ENDED),
-        (False, quiet.run, False, texts.GONE),
-        (True, quiet.run, True, texts.GONE),
-        (False, 'another', True, texts.GONE),
-    ):
-        latest = Latest(began=0.0, looking='here')
-        latest.take_race(quiet, 0.0, two)
-        latest.take_event(Event(EventKind.ENDED, 'it ends', success=success))
-        latest.take_race(replace(quiet, run=next_run), 5.0, False)
-
-        silent = latest.danger(10.0)
-
-        assert silent is not None
-        assert silent.title == title
 
 
 # ----- the row of a kart ------------------------------------------------------------------
@@ -587,13 +505,6 @@ def test_a_row_says_what_a_kart_answered_and_what_it_needs(
     assert row.waits is (answer[0] != '✓' and screen.snapshot.karts[0].connected)
     assert row.place == ('F1' if 'place' in kart else '')
     assert row.note.text.startswith(note) if note else not row.note.text
-    assert row.note.text in '\n'.join(table(screen))
-
-
-def test_a_kart_without_link_stands_out_if_it_matters() -> None:
-    for in_race, tone in ((True, Tone.BAD), (False, Tone.FAINT)):
-        row = with_kart(connected=False, in_race=in_race).rows[0]
-        assert row.link == Cell('✗ NO LINK', tone)
 
 
 def test_how_good_a_link_is_is_told_by_bars_a_word_and_a_time() -> None:
@@ -604,20 +515,18 @@ def test_how_good_a_link_is_is_told_by_bars_a_word_and_a_time() -> None:
         (Grade.POOR, 1, 'poor', '621 ms', Tone.WAIT),
     ):
         link = NOT_MEASURED._replace(grade=grade, round_trip=0.0121, worst_answer=0.6201)
-        screen = with_kart(link=link)
-        row = screen.rows[0]
+        row = with_kart(link=link).rows[0]
         assert (row.bars, row.link, row.link_time) == (bars, Cell(word, tone), time)
-        assert f'{word} {time}'.strip() in '\n'.join(table(screen))
-        away = with_kart(connected=False, link=link).rows[0]
-        assert (away.bars, away.link.text, away.link_time) == (0, '✗ NO LINK', '')
+        for in_race, stands_out in ((True, Tone.BAD), (False, Tone.FAINT)):
+            away = with_kart(connected=False, link=link, in_race=in_race).rows[0]
+            assert (away.bars, away.link, away.link_time) == (0, Cell('✗ NO LINK', stands_out), '')
     assert len(set(BARS.values())) == len(Grade)
     assert with_kart(link=NOT_MEASURED._replace(grade=Grade.GOOD)).rows[0].link_time == ''
 
 
 def test_the_time_until_a_finished_kart_is_sent_its_flag_is_never_shown_too_short() -> None:
-    driving = replace(KART, **DRIVING, place=1, flag_at=42.5)
     for age, seconds in ((0.0, 3), (0.6, 2), (9.0, 1)):
-        screen = Screen(replace(RACE, karts=(driving,)), age, {})
+        screen = screen_of(age=age, karts=(replace(KART, **FLAGGED),))
         assert screen.rows[0].note.text == f'F1, flag in {seconds} s'
         assert tally(screen.snapshot) == '1 driving'
 
@@ -649,12 +558,12 @@ def test_the_letter_of_finish_never_takes_a_finish_back() -> None:
 
     screen = with_kart(place=1, commands=commands)
 
-    finish = button_on(screen, CommandKind.KART_FINISH, 7)
+    finish = screen.button(CommandKind.KART_FINISH, 7)
     assert (finish.enabled, finish.reason) == (False, said)
     assert not any(each.key for each in screen.rows[0].buttons if each != finish)
 
 
-GREEN = replace(RACE, state=GREEN_GREEN, heat='Final')
+FINAL = {'state': GREEN_GREEN, 'heat': 'Final'}
 FIRST = timing(karts=(driven(7, 0),))
 SEEN = Judged(Passing('line', 'today', 1), 7, Mark.COUNTED, 3.0, '')
 
@@ -680,10 +589,10 @@ def test_the_letter_is_lap_until_only_the_last_lap_is_left_and_sends_nothing_wit
     results: Standings | None, changes: dict[str, object], given: CommandKind | Act | None
 ) -> None:
     karts = (replace(KART, sent=GREEN_GREEN, **changes),)
-    screen = Screen(replace(GREEN, karts=karts), 0.0, {}, None, results)
+    screen = screen_of(results, **FINAL, karts=karts)
     (row,) = screen.rows
 
-    assert button_on(screen, CommandKind.KART_FINISH, 7) == row.finish
+    assert screen.button(CommandKind.KART_FINISH, 7) == row.finish
     assert row.finish.enabled  # it can always be sent by the kart's number
     assert row.letter in row.buttons or 'place' in changes
     if given is not None:
@@ -699,108 +608,83 @@ def test_without_a_heat_the_letter_is_finish() -> None:
 
 def test_no_crossing_is_counted_while_race_control_is_gone_or_the_last_is_not_answered() -> None:
     for pending, danger_now in (({(Act.COUNT, 7): 0.1}, None), ({}, SILENT)):
-        screen = Screen(GREEN, 0.0, pending, danger_now, FIRST)
-        assert not button_on(screen, Act.COUNT, 7).enabled
+        screen = screen_of(FIRST, 0.0, pending, danger_now, **FINAL)
+        assert not screen.button(Act.COUNT, 7).enabled
 
 
 # ----- the way of a race ------------------------------------------------------------------
-
-
-def phrases(screen: Screen) -> dict[object, str]:
-    """Return the phrase of each command to the race."""
-    return {button.command: button.phrase for button in screen.race}
 
 
 def test_each_command_to_the_race_says_what_is_and_what_it_waits_for() -> None:
     waits = 'waiting for kart 8 (Purdue): not connected'
     waiting = Availability(CommandKind.GREEN_GREEN, False, waits)
     pause = Availability(CommandKind.IN_GARAGE, False, 'a stop', available_from=42.1)
-    karts = (replace(KART, acknowledged=True), replace(KART, number=8))
+    done = {'acknowledged': True, 'place': 1, 'sent': RED_FLAG, 'stands': True}
+    away = {'number': 8, 'connected': False}
+    each = {'acknowledged': True}, done, away, {**away, 'may_be_moving': True}
+    karts = tuple(replace(KART, **changes) for changes in each)
     fields = {'commands': offers(waiting, pause), 'karts': karts}
 
     screen = screen_of(**fields)
-    said = phrases(screen)
+    kinds = CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN, CommandKind.IN_GARAGE
+    grid, green, garage = map(screen.button, kinds)
 
-    assert said[CommandKind.GRID_ACTIVE] == f'since {time_of_day(RACE.state_since)}'
-    assert said[CommandKind.GREEN_GREEN] == waits
+    assert grid.phrase == f'since {time_of_day(RACE.state_since)}'
+    assert green.phrase == waits
     assert f'GREEN GREEN  {waits}' in table(screen)
-    assert said[CommandKind.IN_GARAGE] == 'possible again in 3 s: a stop'
-    assert not button_on(screen, CommandKind.IN_GARAGE).enabled  # until race control says so
-    assert texts.missing(screen.snapshot) == 'waiting for 8'
-    garage = screen_of(state=IN_GARAGE, **fields)
-    assert phrases(garage)[CommandKind.GREEN_GREEN] == 'after GRID ACTIVE'
-
-
-@pytest.mark.parametrize('state', [RED_FLAG, RED_RED])
-def test_a_race_that_was_stopped_begins_on_the_grid(state: RaceState) -> None:
-    barred = offers(Availability(CommandKind.GREEN_GREEN, False, 'the race was stopped'))
-
-    stopped = screen_of(stamp=48.0, state=state, commands=barred)
-
-    assert phrases(stopped)[CommandKind.GREEN_GREEN] == 'after GRID ACTIVE'
+    assert garage.phrase == 'possible again in 3 s: a stop'
+    assert not garage.enabled  # until race control says so
+    strip = texts.missing, texts.heat_in_race, tally
+    shown = ['waiting for 8, 8', '4 karts', '1 ready, 1 finished, 1 not connected, 1 lost']
+    assert [text(screen.snapshot) for text in strip] == shown
+    for state in (IN_GARAGE, RED_FLAG, RED_RED):  # a race that was stopped begins on the grid
+        green = screen_of(state=state, **fields).button(CommandKind.GREEN_GREEN)
+        assert green.phrase == 'after GRID ACTIVE'
     over = screen_of(state=RED_RED, over=True)
-    assert phrases(over)[CommandKind.RACE_OVER] == 'the race is over'
+    assert over.button(CommandKind.RACE_OVER).phrase == 'the race is over'
     assert 'the race is over' in '\n'.join(table(over))
 
 
-def test_the_strip_tells_who_is_missing_and_the_row_that_the_msr_is_needed() -> None:
-    away = replace(KART, number=8, connected=False, may_be_moving=True)
-    done = replace(KART, acknowledged=True, place=1, sent=RED_FLAG, stands=True)
-
-    screen = screen_of(karts=(done, away), alerts=(lost(8),))
-
-    assert tally(screen.snapshot) == '1 finished, 1 lost'
-    assert texts.missing(screen.snapshot) == 'waiting for 8'
-    assert texts.heat_in_race(screen.snapshot) == '2 karts'
-    assert [row.use_msr for row in screen.rows] == [False, True]
-    assert screen.rows[1].note.text.startswith(texts.USE_MSR)
-    assert screen.rows[1].note.tone is Tone.BAD
-
-
 BEGUN, OVER = BEGINS_WITHIN, BEGINS_WITHIN + REMINDS_FOR
+SILENT_KART = {'acknowledged': False}
+LAPS = (driven(7, 2), driven(8, 2))
+CROSSED = tuple(SEEN._replace(kart=each) for each in (7, 8))
 
 
 @pytest.mark.parametrize(
-    ('green_for', 'age', 'changes', 'reminded'),
+    ('green_for', 'age', 'changes', 'results', 'reminded'),
     [
-        (BEGUN - 0.1, 0.0, {}, False),
-        (BEGUN, 0.0, {}, True),
-        (BEGUN - 1.0, 1.0, {}, True),
-        (OVER - 0.1, 0.0, {}, True),
-        (OVER, 0.0, {}, False),
+        (BEGUN - 0.1, 0.0, {}, {}, False),
+        (BEGUN, 0.0, {}, {}, True),
+        (BEGUN - 1.0, 1.0, {}, {}, True),
+        (OVER - 0.1, 0.0, {}, {}, True),
+        (OVER, 0.0, {}, {}, False),
         # A kart that has not answered is not forgotten; one sent another state need not drive.
-        (OVER, 0.0, {'acknowledged': False}, True),
-        (BEGUN, 0.0, {'sent': RED_RED, 'acknowledged': False}, False),
-        (BEGUN, 0.0, {'in_race': False}, False),
+        (OVER, 0.0, SILENT_KART, {}, True),
+        (BEGUN, 0.0, {'sent': RED_RED, 'acknowledged': False}, {}, False),
+        (BEGUN, 0.0, {'in_race': False}, {}, False),
+        # A kart that was seen to cross the line has begun, whatever it acknowledged.
+        (OVER, 0.0, SILENT_KART, {'karts': LAPS[:1]}, True),
+        (OVER, 0.0, SILENT_KART, {'karts': LAPS}, False),
+        (OVER, 0.0, SILENT_KART, {'passings': CROSSED}, False),
+        (OVER, 0.0, SILENT_KART, {'passings': CROSSED, 'race': 2}, True),  # in another race
     ],
 )
 def test_once_the_race_is_green_for_30_s_it_is_said_that_each_kart_must_have_begun(
-    green_for: float, age: float, changes: dict[str, object], reminded: bool
+    green_for: float,
+    age: float,
+    changes: dict[str, object],
+    results: dict[str, Any],
+    reminded: bool,
 ) -> None:
     kart = replace(KART, **(DRIVING | changes))
-    race = replace(RACE, state=GREEN_GREEN, stamp=green_for, karts=(kart,))
-    screen = Screen(race, age, {})
+    race = {'state': GREEN_GREEN, 'stamp': green_for, 'karts': (kart, replace(kart, number=8))}
+    known = Standings(green_for, **results)
 
-    assert ('30 s' in screen.reminder, bool(screen.reminder)) == (reminded, reminded)
-    assert screen.reminder in '\n'.join(table(screen))
-    assert not Screen(race, age, {}, SILENT).reminder
+    reminder = screen_of(known, age, **race).reminder
 
-
-def test_a_kart_that_was_seen_to_cross_the_line_has_begun_whatever_it_acknowledged() -> None:
-    silent = replace(KART, sent=GREEN_GREEN, acknowledged=False)
-    karts = (silent, replace(silent, number=8))
-    crossed = tuple(SEEN._replace(kart=each) for each in (7, 8))
-
-    for results, reminded in (
-        ({}, True),
-        ({'karts': (driven(7, 2),)}, True),  # kart 8 was not seen
-        ({'karts': (driven(7, 2), driven(8, 2))}, False),
-        ({'passings': crossed}, False),
-        ({'passings': crossed, 'race': 2}, True),  # in another race
-    ):
-        known = Standings(OVER, **results)  # type: ignore[arg-type]
-        screen = screen_of(known, state=GREEN_GREEN, stamp=OVER, karts=karts)
-        assert bool(screen.reminder) is reminded
+    assert ('30 s' in reminder, bool(reminder)) == (reminded, reminded)
+    assert not screen_of(known, age, danger=SILENT, **race).reminder
 
 
 # ----- laps ---------------------------------------------------------------------------------
@@ -827,7 +711,7 @@ def test_results_that_are_out_of_date_or_of_the_future_are_no_timing() -> None:
             assert (screen.timing, bool(screen.places)) == (said, not said)
     assert screen_of().timing == texts.NO_TIMING
     assert texts.NO_TIMING in table(screen_of())
-    assert Screen(GREEN, 0.0, {}, None, timing(race=2)).timing == texts.NO_TIMING
+    assert screen_of(timing(race=2), **FINAL).timing == texts.NO_TIMING
 
 
 def test_a_disagreement_about_results_is_no_question_to_the_race_director() -> None:
@@ -856,18 +740,14 @@ def test_the_races_of_the_event_are_listed_with_the_numbers_by_which_one_is_chos
 
 
 def test_a_kart_whose_last_lap_is_done_is_named_in_the_strip_and_in_its_row() -> None:
-    race = replace(GREEN, stamp=90.0)
     lap_taken = Penalty(7, 0, 1, False, 'short cut', 'Ben')  # it has driven that lap all the same
-    kart = driven(7, 6)._replace(laps=5, penalties=(lap_taken,))
-    known = timing(stamp=90.0, karts=(kart,))
+    known = timing(karts=(driven(7, 6)._replace(laps=5, penalties=(lap_taken,)),))
 
-    screen = Screen(race, 0.0, {}, None, known)
+    screen = screen_of(known, **FINAL)
 
     assert screen.reminder == 'FINISH 7: last lap done'
     assert texts.LAST_LAP_DONE in screen.rows[0].note.text
     assert screen.rows[0].note.tone is Tone.WAIT
-    assert screen.reminder in '\n'.join(table(screen))
-    assert not Screen(race, 0.0, {}, SILENT, known).reminder
+    assert not screen_of(known, danger=SILENT, **FINAL).reminder
     for changes in ({'place': 1}, {'in_race': False}, {'hold': RED_FLAG}):
-        other = replace(race, karts=(replace(KART, **changes),))
-        assert not Screen(other, 0.0, {}, None, known).reminder
+        assert not screen_of(known, **FINAL, karts=(replace(KART, **changes),)).reminder
