@@ -16,7 +16,7 @@ from evgp_node.qt import QtCore, QtWidgets
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs import words
-from evgp_rcs.rules.snapshot import NOTHING, Snapshot
+from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.notices import AlertBook, Notice, summary
@@ -117,7 +117,7 @@ class AlertsArea(Panel):
         self.alarm = Alarm()
         self._book = AlertBook()
         self._state: RaceState | None = None
-        self._screen = Screen(NOTHING, 0.0, {})
+        self._screen = Screen()
         self._notices: list[Notice] = []
         self._aim: Aim[list[int]] = Aim()
         self._summary = fixed(Text('standing', 'small bold', wrap=True), height=30)
@@ -181,7 +181,7 @@ class AlertsArea(Panel):
             self._looks, self._shown = looks, self._place(at)
         said = summary(self._notices, self._shown)
         # If no snapshots arrive, an empty list does not mean that all is well.
-        is_known = self._notices or not self._screen.stale
+        is_known = self._notices or not self._screen.danger.stale
         self._summary.show_cell(said if is_known else Cell('? not known', Tone.FAINT))
         is_short = said.text.startswith('⚠') and said.text.count(',') < 4
         mark(self._summary, kind='large bold' if is_short else 'small bold')

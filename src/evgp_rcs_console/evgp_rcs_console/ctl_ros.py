@@ -269,18 +269,19 @@ class Terminal:
                 at = now()
                 screen = hearing.screen(at, {})
             danger = screen.danger
-            lines = [f'*** {danger.title}: {danger.advice} ***', danger.detail] if danger else []
+            lines = [f'*** {danger.title}: {danger.advice} ***', danger.detail]
+            lines = lines if danger.title else []
             if screen.snapshot is not NOTHING:
                 lines += table(screen)
             text = '\n'.join(lines)
             if wanted.once:
-                code = Exit.NOT_THERE if screen.stale else Exit.ACCEPTED
+                code = Exit.NOT_THERE if screen.danger.stale else Exit.ACCEPTED
                 return Told(code, text)
             print(f'\x1b[H\x1b[2J{text}' if redraw else f'{text}\n', flush=True)
             alive()
             # Rounds begin with snapshots, every 0.5 s or a little less; none may be left out.
             if at - said_at >= PRESENCE_PERIOD / 2:
-                client.announce(official, texts.GONE_REASON if screen.stale else '')
+                client.announce(official, texts.GONE_REASON if screen.danger.stale else '')
                 said_at = at
             with hearing.news:
                 hearing.news.wait(1.0)

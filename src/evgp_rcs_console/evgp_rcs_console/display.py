@@ -51,29 +51,28 @@ class SeenCommands(Aim[Shown]):
 
     An official who presses a button may have aimed at the button that was there before.
 
-    :ivar screen: the current screen; None before the first screen.
+    :ivar screen: the current screen.
     """
 
     def __init__(self, window: QtWidgets.QWidget) -> None:
         super().__init__()
         self._window = window
-        self.screen: Screen | None = None
+        self.screen = Screen()
 
     def change_to(self, screen: Screen, now: float) -> None:
         """Replace the current screen. Call this before any widget shows the new screen."""
         # A snapshot without sense fails here, so that keys still send the last screen's stops.
         before, commands = self.screen, _commands(screen)
         self.screen = screen
-        if before is not None and before.rows and _commands(before) != commands:
+        if before.rows and _commands(before) != commands:
             self.change(self._saw(before), now)
 
     @contextlib.contextmanager
     def scrolling(self, bar: QtWidgets.QScrollBar) -> Iterator[None]:
         """Return a context in which the window itself scrolls; it records what was seen before."""
-        before = self._saw(self.screen) if self.screen is not None else None
-        value = bar.value()
+        before, value = self._saw(self.screen), bar.value()
         yield
-        if before is not None and bar.value() != value:
+        if bar.value() != value:
             self.change(before, clock.now())
 
     def _saw(self, screen: Screen) -> Shown:

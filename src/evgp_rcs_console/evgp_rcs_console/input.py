@@ -440,9 +440,7 @@ class Keyboard:
 
     def _press(self, stroke: Stroke, at: float) -> None:
         """Press a key's button. A command that has just changed is sent only if it is a stop."""
-        screen = self._window.seen.screen
-        assert screen is not None
-        kart = 0
+        screen, kart = self._window.seen.screen, 0
         if stroke.to_chosen:
             kart, why = self._chosen.take(at)
             if not kart:

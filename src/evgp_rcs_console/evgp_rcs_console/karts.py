@@ -324,7 +324,7 @@ class KartList(Panel):
         """Show the karts and redraw only the cells that have changed."""
         table, rows = self.table, screen.rows
         before, stale = table.rows, table.stale
-        table.rows, table.stale = rows, screen.stale
+        table.rows, table.stale = rows, screen.danger.stale
         table.setRowCount(len(rows))
         for place, row in enumerate(rows):
             looked = _looks(before[place]) if place < len(before) else [()] * len(COLUMNS)
@@ -336,9 +336,9 @@ class KartList(Panel):
                 if table.cellWidget(place, number) is None:
                     table.setCellWidget(place, number, CommandButton())
                 table.cellWidget(place, number).show_button(command)
-        if stale != screen.stale:
+        if stale != screen.danger.stale:
             table.viewport().update()
-        if _tiles(before, stale) != _tiles(rows, screen.stale):
+        if _tiles(before, stale) != _tiles(rows, screen.danger.stale):
             self._tiles.update()
         if len(before) != len(rows):
             self.fit()

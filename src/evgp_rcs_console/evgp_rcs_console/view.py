@@ -238,16 +238,20 @@ class Danger:
     """
     A warning in the largest type, shown instead of the state of the race.
 
+    :param title: empty if there is no warning.
     :param detail: what is known, in a sentence or two.
     :param barred: why only stops can be pressed; empty if other commands may be possible too.
     :param stale: whether the rest of the screen is out of date.
     """
 
-    title: str
-    advice: str
-    detail: str
+    title: str = ''
+    advice: str = ''
+    detail: str = ''
     barred: str = ''
     stale: bool = False
+
+
+ALL_WELL = Danger()
 
 
 @dataclass(frozen=True)
@@ -258,28 +262,20 @@ class Screen:
     :param snapshot: the newest snapshot.
     :param age: time since that snapshot arrived, in seconds.
     :param pending: the commands that wait for their answers.
-    :param danger: the warning to show in the largest type; None if there is none.
+    :param danger: the warning to show in the largest type, if any.
     :param heard: the newest results, even if they are out of date; None if there never were any.
     """
 
-    snapshot: Snapshot
-    age: float
-    pending: Pending
-    danger: Danger | None = None
+    snapshot: Snapshot = NOTHING
+    age: float = 0.0
+    pending: Pending = field(default_factory=dict)
+    danger: Danger = ALL_WELL
     heard: Standings | None = None
 
     @property
     def now(self) -> float:
         """Return the time on race control's clock, in seconds."""
         return self.snapshot.stamp + self.age
-
-    @property
-    def stale(self) -> bool:
-        return self.danger is not None and self.danger.stale
-
-    @property
-    def danger_title(self) -> str:
-        return self.danger.title if self.danger is not None else ''
 
     @property
     def teams(self) -> dict[int, str]:
@@ -391,7 +387,7 @@ class Screen:
         whatever the karts report. A kart that has crossed the line needs no reminder.
         """
         race, own = self.snapshot, self.own_results
-        if self.danger is not None:
+        if self.danger.title:
             return ''
         if done := [str(kart.number) for kart in race.karts if self.last_lap_is_done(kart)]:
             return f'FINISH {", ".join(done)}: last lap done'
@@ -425,7 +421,7 @@ class Screen:
 
         :param commanding: the officials who have given commands.
         """
-        race, dated = self.snapshot, Tone.FAINT if self.stale else Tone.PLAIN
+        race, dated = self.snapshot, Tone.FAINT if self.danger.stale else Tone.PLAIN
         by = f'commands by {", ".join(commanding)}' if commanding else ''
         # If it is too long, the end is cut off, which the rows or the events show as well.
         rest = texts.missing(race), self.timing, self.order, by, self.places
@@ -441,7 +437,7 @@ class Screen:
             'rest': Cell(' · '.join(filter(None, rest)), dated),
             'able': Cell(texts.can_stop(race).partition(':')[0], dated),
             **{
-                f'danger_{part}': Cell(getattr(self.danger, part, ''))
+                f'danger_{part}': Cell(getattr(self.danger, part))
                 for part in ('title', 'detail', 'advice')
             },
         }
@@ -586,8 +582,8 @@ class Screen:
             return '', False
         current = command in STEP_STATES and STEP_STATES[command] is race.state
         current = current and (race.over or command is not CommandKind.RACE_OVER)
-        if not button.enabled and (self._barred or (command, 0) in self.pending):
-            return button.reason, current and not self._barred
+        if not button.enabled and (self.danger.barred or (command, 0) in self.pending):
+            return button.reason, current and not self.danger.barred
         if current and command is CommandKind.RACE_OVER:
             return 'the race is over', True  # it may have been in that state before
         if current:
@@ -619,10 +615,6 @@ class Screen:
             if kart.hold is not None and kart.number not in offered.karts
         )
 
-    @property
-    def _barred(self) -> str:
-        return self.danger.barred if self.danger is not None else ''
-
     def _button(
         self,
         command: Kind,
@@ -637,8 +629,8 @@ class Screen:
             left = texts.left(offered.available_from - self.now)
             reason = f'possible again in {left} s: {reason}'
         # A stop can always be pressed, even while one waits or race control is silent.
-        if not entry.stop and self._barred:
-            reason = self._barred
+        if not entry.stop and self.danger.barred:
+            reason = self.danger.barred
         elif not entry.stop and waits is not None:
             reason = f'no answer yet ({duration(waits)})'
         seen = {
@@ -700,9 +692,9 @@ class Latest:
         if is_end and self.race is not None and not self.two:
             self._ended_run = self.race.run
 
-    def danger(self, at: float) -> Danger | None:
+    def danger(self, at: float) -> Danger:
         """
-        Return the warning to show at a given time (s); None if all is well with race control.
+        Return the warning to show at a given time (s); ALL_WELL if race control works.
 
         If race control is silent, the warning says to use the MSR, except before the first
         snapshot and after a normal shutdown with no kart in doubt.
@@ -741,7 +733,7 @@ class Latest:
             detail = f'{found.removesuffix(".")}. Stops go to both. No other command can be sent.'
             barred = 'two race controls are running: shut one down'
             return Danger(texts.TWO, texts.TWO_ADVICE, detail, barred)
-        return None
+        return ALL_WELL
 
     def screen(self, at: float, pending: Pending) -> Screen:
         age = at - self.heard_at
@@ -780,7 +772,7 @@ def _listed(karts: Sequence[int]) -> str:
     return ', '.join(map(str, karts))
 
 
-def _humans(race: Snapshot, danger: Danger | None) -> tuple[Cell, str]:
+def _humans(race: Snapshot, danger: Danger) -> tuple[Cell, str]:
     """
     Return whether humans are allowed on the track, and why.
 
@@ -789,7 +781,7 @@ def _humans(race: Snapshot, danger: Danger | None) -> tuple[Cell, str]:
     starts with the track marked as open. That mark alone does not prove that it was opened by an
     official.
     """
-    if danger is not None:
+    if danger.title:
         return Cell('? KEEP OFF THE TRACK', Tone.BAD), danger.title
     is_open = race.track.open
     against, under_way = texts.against_humans(race), texts.under_way(race)

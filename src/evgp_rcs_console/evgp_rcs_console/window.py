@@ -248,10 +248,10 @@ class ConsoleWindow(QtWidgets.QWidget):
         now, shown = clock.now(), self.seen.screen
         danger = self._latest.danger(now)
         is_due = self.unanswered or now - self._shown_at >= AGES
-        if danger or is_due or shown is None or shown.danger:
+        if danger.title or is_due or shown.danger.title:
             self.refresh()
         self._texts['time_of_day'].show_text(time_of_day(time.time()))
-        self.alerts.look(now, danger is not None and self._latest.race is not None)
+        self.alerts.look(now, bool(danger.title) and self._latest.race is not None)
         self._late.beat(clock.now())
 
     def refresh(self) -> None:
@@ -259,12 +259,12 @@ class ConsoleWindow(QtWidgets.QWidget):
         now = clock.now()
         self._shown_at = now
         shown, screen = self.seen.screen, self._latest.screen(now, self.unanswered.ages(now))
-        if screen.danger_title != (shown.danger_title if shown is not None else ''):
+        if screen.danger.title != shown.danger.title:
             self.alerts.alarm.sound_soon()
         self.seen.change_to(screen, now)
         self._show_banner(screen.snapshot.banner)
         self.how_to_begin.setVisible(not screen.rows)
-        self._race_or_danger.setCurrentIndex(screen.danger is not None)
+        self._race_or_danger.setCurrentIndex(bool(screen.danger.title))
         for name, cell in screen.texts(self._names.names).items():
             self._texts[name].show_cell(cell)
         for name, tone in (('state_panel', screen.state.tone), ('track_edge', screen.humans.tone)):
@@ -283,7 +283,7 @@ class ConsoleWindow(QtWidgets.QWidget):
     def unheard(self) -> str:
         """Return why stops may not reach race control; empty if race control is not silent."""
         danger = self._latest.danger(clock.now())
-        return danger.barred if danger is not None and danger.stale else ''
+        return danger.barred if danger.stale else ''
 
     def show_name(self, name: str) -> None:
         """Show the name of the official here; empty if it is not known."""
@@ -352,9 +352,9 @@ class ConsoleWindow(QtWidgets.QWidget):
         super().closeEvent(event)
 
 
-def _is_shown(race: Snapshot, results: Standings | None, on: Screen | None) -> bool:
+def _is_shown(race: Snapshot, results: Standings | None, on: Screen) -> bool:
     """Return whether a screen shows this race already, apart from times and link figures."""
-    if on is None or on.danger is not None or len(race.karts) != len(on.snapshot.karts):
+    if on.danger.title or len(race.karts) != len(on.snapshot.karts):
         return False
     karts = tuple(
         kart._replace(link=old.link) if kart.link.grade is old.link.grade else kart

@@ -58,7 +58,7 @@ def warning(
     silent_for: float = 0.0,
     ended: bool | None = None,
     then: Snapshot | None = None,
-) -> Danger | None:
+) -> Danger:
     """
     Return the warning of a screen that heard this race, and then nothing for some time (s).
 

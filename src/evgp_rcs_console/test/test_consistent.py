@@ -95,18 +95,18 @@ def races(draw: st.DrawFn) -> Snapshot:
     )
 
 
-def dangers(race: Snapshot) -> list[Danger | None]:
+def dangers(race: Snapshot) -> list[Danger]:
     """Return the warnings about race control that are possible with this newest snapshot."""
     return [warning(race), warning(race, two=True), warning(race, silent_for=5.0)]
 
 
-def statements(race: Snapshot, screen: Screen, shown_danger: Danger | None) -> list[str]:
+def statements(race: Snapshot, screen: Screen, shown_danger: Danger) -> list[str]:
     """Return all texts on the screen that speak against humans on the track."""
     book = AlertBook()
     book.update(race.alerts)
     said = [str(notice) for notice in book.shown if notice.use_msr]
     said += [row.note.text for row in screen.rows if texts.MAY_MOVE in row.note.text]
-    said += [shown_danger.title] if shown_danger else []
+    said += [shown_danger.title] if shown_danger.title else []
     states = [screen.state.text, screen.since]
     rows = zip(race.karts, screen.rows, strict=True)
     states += [row.sent.text for kart, row in rows if kart.connected]

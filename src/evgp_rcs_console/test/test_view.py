@@ -38,6 +38,7 @@ from evgp_rcs_console import texts
 from evgp_rcs_console.results import races
 from evgp_rcs_console.results import table as results_table
 from evgp_rcs_console.view import (
+    ALL_WELL,
     BARS,
     BEGINS_WITHIN,
     Button,
@@ -64,7 +65,7 @@ def screen_of(
     results: Standings | None = None,
     age: float = 0.0,
     pending: Pending = {},  # noqa: B006 - nobody changes it
-    danger: Danger | None = None,
+    danger: Danger = ALL_WELL,
     **changes: Any,
 ) -> Screen:
     """Return the screen of the example race in which some fields differ."""
@@ -214,7 +215,7 @@ def test_without_race_control_or_with_two_only_stops_can_be_pressed() -> None:
         assert enabled == stops - {CommandKind.ALL_KILL}
         assert {each.reason for each in buttons if not each.enabled} == {told.barred}
         assert {each.phrase for each in screen.race if not each.enabled} == {told.barred}
-    for told in (SILENT, None):  # before race control is heard
+    for told in (SILENT, ALL_WELL):  # before race control is heard
         buttons = Screen(NOTHING, 0.0, {}, told).race
         assert [each.command for each in buttons if each.enabled] == [CommandKind.RED_FLAG]
 
@@ -411,7 +412,7 @@ def alerting(kind: AlertKind) -> Snapshot:
 def test_the_failure_of_a_part_of_race_control_asks_for_the_msr() -> None:
     told = warning(alerting(AlertKind.PART_FAILED))
     assert told == Danger(texts.FAILED, texts.USE_MSR, 'It is so.')
-    assert warning(alerting(AlertKind.KART_LOST)) is None
+    assert warning(alerting(AlertKind.KART_LOST)) == ALL_WELL
 
 
 REST = replace(RACE, track=replace(RACE.track, allowed=True, reason='all are in the garage'))
@@ -447,9 +448,9 @@ def test_race_control_is_gone_within_a_second_unless_it_ended_without_a_doubt(
 ) -> None:
     said = warning(replace(REST, **changes), silent_for=silent_for, **how)
 
-    assert (said.title if said else '') == title
+    assert said.title == title
     assert GONE_AFTER < 1.0
-    if said is not None:
+    if title:
         assert (said.advice == texts.USE_MSR) is (title == texts.GONE)
         assert (said.stale, said.barred) == (True, texts.GONE_REASON)
 
@@ -607,7 +608,7 @@ def test_without_a_heat_the_letter_is_finish() -> None:
 
 
 def test_no_crossing_is_counted_while_race_control_is_gone_or_the_last_is_not_answered() -> None:
-    for pending, danger_now in (({(Act.COUNT, 7): 0.1}, None), ({}, SILENT)):
+    for pending, danger_now in (({(Act.COUNT, 7): 0.1}, ALL_WELL), ({}, SILENT)):
         screen = screen_of(FIRST, 0.0, pending, danger_now, **FINAL)
         assert not screen.button(Act.COUNT, 7).enabled
 
