@@ -16,9 +16,10 @@ import enum
 import itertools
 import os
 import sys
-from typing import NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
-from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs_console.catalogue import CATALOGUE, Kind
 
 
 class Exit(enum.IntEnum):
@@ -55,18 +56,50 @@ COMMANDS: dict[str, Kind] = {
 
 ALL_KILL = 'all-kill'
 
-TAKEN: dict[str, tuple[type, str]] = {
-    'source': (str, 'source of the passing, as `results` shows it'),
-    'session': (str, 'session of that source'),
-    'number': (int, 'number of the passing in that session'),
-    'transponder': (str, 'number or name of the transponder, as the timing device reports it'),
-    'race': (int, 'number of the race in this event (default: the newest race)'),
-    'seconds': (int, "seconds to add to the kart's time"),
-    'laps': (int, "laps to deduct from the kart's result"),
-    'disqualified': (bool, 'disqualify the kart'),
-    'reason': (str, 'the reason, for the record'),
+
+def _number(kind: type[float], name: str, most: float) -> Callable[[str], float]:
+    """Return a type for argparse, whose error then reads: invalid kart number value: 'x'."""
+
+    def read(text: str) -> float:
+        number = kind(text)
+        if '_' in text or not 0 <= number <= most:  # Python reads 1_2 as 12
+            raise ValueError
+        return number
+
+    read.__name__ = name
+    return read
+
+
+_seconds = _number(float, 'number of seconds', 86_400.0)
+_kart_number = _number(int, 'kart number', 65535)
+_race_number = _number(int, 'race number', 65535)
+_count = _number(int, 'whole number', 2**32 - 1)
+
+
+ARGUMENTS: dict[str, dict[str, Any]] = {
+    'heat': {'help': 'name of the heat in the roster'},
+    'karts': {
+        'type': _kart_number,
+        'nargs': '*',
+        'help': 'the karts to which the command applies; if omitted, rcs_ctl lists the karts and '
+        'sends nothing',
+    },
+    'reading': {'type': _count, 'help': 'the number that reload-roster printed'},
+    'source': {'help': 'source of the passing, as `results` shows it'},
+    'session': {'help': 'session of that source'},
+    'number': {'type': _count, 'help': 'number of the passing in that session'},
+    'transponder': {'help': 'number or name of the transponder, as the timing device reports it'},
+    '--seconds': {'type': _count, 'default': 0, 'help': "seconds to add to the kart's time"},
+    '--laps': {'type': _count, 'default': 0, 'help': "laps to deduct from the kart's result"},
+    '--disqualified': {'action': 'store_true', 'help': 'disqualify the kart'},
+    '--reason': {'default': '', 'help': 'the reason, for the record'},
+    '--race': {
+        'type': _race_number,
+        'default': 0,
+        'help': 'number of the race in this event (default: the newest race)',
+    },
 }
-"""Type and help text of each further field of a request (``Entry.takes``)."""
+"""The argument for each further field of a request (``Entry.takes``), as argparse takes it."""
 
 
 NOTHING_SENT = 'Nothing was sent.'
@@ -174,18 +207,10 @@ def parser() -> argparse.ArgumentParser:
         each.set_defaults(parser=each)
         if entry.to_one_kart:
             each.add_argument('kart', type=_kart_number, help='number of the kart in the roster')
-        if 'heat' in entry.takes:
-            each.add_argument('heat', help='name of the heat in the roster')
-        if 'karts' in entry.takes:
-            each.add_argument(
-                'karts',
-                type=_kart_number,
-                nargs='*',
-                help='the karts to which the command applies; if omitted, rcs_ctl lists the karts '
-                'and sends nothing',
-            )
-        if 'reading' in entry.takes:
-            each.add_argument('reading', type=_count, help='the number that reload-roster printed')
+        for name, how in ARGUMENTS.items():
+            # The timekeeper's FINISH names its race. An official's is for the present one.
+            if name.removeprefix('--') in entry.takes and command is not CommandKind.KART_FINISH:
+                each.add_argument(name, **how)
         if 'opening' in entry.takes:
             each.add_argument(
                 '--closes',
@@ -194,15 +219,6 @@ def parser() -> argparse.ArgumentParser:
                 help='if the track is open: number of the opening that this command closes; '
                 'without it, rcs_ctl prints that number and sends nothing',
             )
-        for field in entry.takes if command not in OF_RACE_CONTROL else ():
-            kind, meaning = TAKEN[field]
-            taken = {'race': _race_number}.get(field, _count) if kind is int else kind
-            if field in ('source', 'session', 'number', 'transponder'):  # they name what is meant
-                each.add_argument(field, type=taken, help=meaning)
-            elif kind is bool:
-                each.add_argument(f'--{field}', action='store_true', help=meaning)
-            else:
-                each.add_argument(f'--{field}', type=taken, default=kind(), help=meaning)
         if entry.flag is not None:
             flag, statement = entry.flag
             # If race control asks for the statement and the flag is missing, race control refuses,
@@ -227,22 +243,3 @@ def parser() -> argparse.ArgumentParser:
     each.set_defaults(parser=each)
     watch.unsent = each.unsent = NOTHING_SENT
     return whole
-
-
-def _number(kind: type[float], name: str, most: float) -> Callable[[str], float]:
-    """Return a type for argparse, whose error then reads: invalid kart number value: 'x'."""
-
-    def read(text: str) -> float:
-        number = kind(text)
-        if '_' in text or not 0 <= number <= most:  # Python reads 1_2 as 12
-            raise ValueError
-        return number
-
-    read.__name__ = name
-    return read
-
-
-_seconds = _number(float, 'number of seconds', 86_400.0)
-_kart_number = _number(int, 'kart number', 65535)
-_race_number = _number(int, 'race number', 65535)
-_count = _number(int, 'whole number', 2**32 - 1)
