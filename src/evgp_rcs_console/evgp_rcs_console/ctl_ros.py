@@ -29,9 +29,8 @@ from evgp_rcs_console.catalogue import CATALOGUE, Kind
 from evgp_rcs_console.client import Client, domain_of, looking, PRESENCE_PERIOD
 from evgp_rcs_console.command_line import COMMANDS, Exit, GRACE, STARTING, Told
 from evgp_rcs_console.commands import Given, Standing
-from evgp_rcs_console.questions import Asked
 from evgp_rcs_console.settings import Signature
-from evgp_rcs_console.view import aligned, Latest, present, table
+from evgp_rcs_console.view import aligned, Latest, Screen, table
 import rclpy
 
 SETTLED = 1.0
@@ -120,10 +119,9 @@ def attend(
     terminal = Terminal(client, hearing, wanted, until)
     if wanted.command == 'watch':
         return terminal.watch_events(alive) if wanted.events else terminal.watch(alive)
-    if wanted.command == 'results':
-        return terminal.show_results()
     try:
-        told = terminal.give(ready - began)
+        is_given = wanted.command != 'results'
+        told = terminal.give(ready - began) if is_given else terminal.show_results()
     except KeyboardInterrupt:
         if hearing.given is None:
             raise
@@ -236,11 +234,8 @@ class Terminal:
         flag, _ = entry.flag or ('', '')
         parts = [wanted.command, getattr(wanted, 'kart', ''), getattr(wanted, 'heat', ''), *karts]
         parts.append(flag if wanted.stated or unsaid else '')
-        parts += (
-            ['--closes', race.track.opening]
-            if 'opening' in entry.takes and race.track.open
-            else []
-        )
+        closes = 'opening' in entry.takes and race.track.open
+        parts += ['--closes', race.track.opening] * closes
         parts += ['--official', tidy(wanted.official)] if wanted.official else []
         called = os.environ.get('EVGP_CTL', 'rcs_ctl %s')  # by make, or by the package's commands
         line = called.replace('%s', shlex.join(str(part) for part in parts if part != ''))
@@ -249,10 +244,9 @@ class Terminal:
     def _effects(self, command: Kind, race: Snapshot, kart: int) -> list[str]:
         """Return the sentences of the window's question before a command."""
         assert isinstance(command, CommandKind)
-        one, results = race.kart(kart), self._hearing.results
-        offered = (one or race).offered(command)
-        asked = Asked(command, race, offered, one, present(results, race.stamp))
-        return [*asked.sentences, *filter(None, [asked.caution])]
+        one, screen = race.kart(kart), Screen(race, heard=self._hearing.results)
+        button = screen.race_button(command) if one is None else screen.kart_button(command, one)
+        return [*button.question.sentences, *filter(None, [button.question.caution])]
 
     def watch(self, alive: Callable[[], object]) -> Told:
         """Show the race until Ctrl-C, or once."""
@@ -291,18 +285,17 @@ class Terminal:
         hearing = self._hearing
         hearing.wait_for(lambda: None not in (hearing.race, hearing.results), self._until)
         with hearing.news:
-            race, found, heard_at = hearing.race, hearing.results, hearing.heard_at
-        if race is None:
+            screen = hearing.screen(now(), {})
+        if screen.snapshot is NOTHING:
             return self._not_found()
-        found = present(found, race.stamp + now() - heard_at)
+        found = screen.results
         if found is None:
-            return _under_banner(Told(Exit.NOT_THERE, error=texts.NO_TIMING), race)
-        teams = {kart.number: kart.team for kart in race.karts}
+            return Told(Exit.NOT_THERE, error=texts.NO_TIMING)
         lines = [results.title(found)]
         if found.grid:
             lines.append(f'Grid: {", ".join(map(str, found.grid))}')
         if found.karts or found.overall:
-            lines += aligned(results.table(found, teams))
+            lines += aligned(results.table(found, screen.teams))
         lines += [f'For the timekeeper: {each}' for each in found.questions]
         races = 'Races: number, time the grid formed, heat, classified karts'
         passings = 'Passings: time since GREEN GREEN, kart, source, session and number, outcome'
@@ -311,7 +304,7 @@ class Terminal:
             (passings, results.passings(found)),
         ):
             lines += ['', headings, *aligned(listed)] if listed else []
-        return _under_banner(Told(Exit.ACCEPTED, '\n'.join(lines)), race)
+        return Told(Exit.ACCEPTED, '\n'.join(lines))
 
     def watch_events(self, alive: Callable[[], object]) -> Told:
         """Print one event per line until Ctrl-C, or only the past ones."""
@@ -369,7 +362,7 @@ def _as_seen(given: Given, race: Snapshot, wanted: argparse.Namespace) -> Given 
     entry, track = CATALOGUE[given.command], race.track
     if 'hold' in entry.takes:
         kart = race.kart(given.kart)
-        return replace(given, taken={'hold': None if kart is None else kart.hold})
+        return replace(given, taken={'hold': kart and kart.hold})
     assert isinstance(given.command, CommandKind)
     offered = race.offered(given.command)
     # If IN GARAGE concerns no kart, none need be named.
@@ -378,9 +371,10 @@ def _as_seen(given: Given, race: Snapshot, wanted: argparse.Namespace) -> Given 
         return None
     if 'opening' not in entry.takes:
         return given
-    if track.open and wanted.closes is None:
+    opening = wanted.closes
+    if opening is None and track.open:
         return None
-    opening = track.opening if wanted.closes is None else wanted.closes
+    opening = track.opening if opening is None else opening
     return replace(given, taken={**given.taken, 'opening': opening})
 
 

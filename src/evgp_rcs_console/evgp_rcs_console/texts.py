@@ -167,8 +167,7 @@ def missing(race: Snapshot) -> str:
 
 def heat_in_race(race: Snapshot) -> str:
     racing = [kart for kart in race.karts if kart.in_race]
-    chosen = race.heat_in_race
-    names = [] if chosen is None else [chosen.name]
+    names = [race.heat_in_race.name] if race.heat_in_race else []
     return ' · '.join([*names, count(racing)]) if racing else ''
 
 

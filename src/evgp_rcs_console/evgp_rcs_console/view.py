@@ -190,7 +190,6 @@ class Row:
     :param answer: the kart's answer in a word or two; empty if no answer is expected.
     :param waits: whether the kart is connected and has not yet obeyed the state it is being sent.
     :param place: the kart's position and laps; without timing, its place in the order of FINISH.
-    :param finish: the FINISH command, even if the row's own button offers a different command.
     :param letter: the command that the kart's letter gives.
     """
 
@@ -210,7 +209,6 @@ class Row:
     gap: str
     note: Cell
     buttons: tuple[Button, ...]
-    finish: Button
     letter: Button
 
     @functools.cached_property
@@ -285,8 +283,10 @@ class Screen:
 
     @functools.cached_property
     def results(self) -> Standings | None:
-        """Return the newest results; None if they are out of date."""
-        return present(self.heard, self.now)
+        """Return the newest results; None if they are out of date, so that there is no timing."""
+        # A stamp in the future is as wrong as an old one.
+        is_new = self.heard is not None and abs(self.now - self.heard.stamp) < TIMING_GONE
+        return self.heard if is_new else None
 
     @functools.cached_property
     def own_results(self) -> Standings | None:
@@ -345,11 +345,7 @@ class Screen:
 
     @property
     def state(self) -> Cell:
-        """
-        Return the state of the race, to show in the largest type.
-
-        If no kart is being sent that state, return what the karts are doing instead.
-        """
+        """Return the state of the race or, if no kart is sent that state, what the karts do."""
         return headline(self.snapshot)
 
     @property
@@ -436,10 +432,9 @@ class Screen:
             'reminder': Cell(self.reminder, Tone.WAIT),
             'rest': Cell(' · '.join(filter(None, rest)), dated),
             'able': Cell(texts.can_stop(race).partition(':')[0], dated),
-            **{
-                f'danger_{part}': Cell(getattr(self.danger, part))
-                for part in ('title', 'detail', 'advice')
-            },
+            'danger_title': Cell(self.danger.title),
+            'danger_detail': Cell(self.danger.detail),
+            'danger_advice': Cell(self.danger.advice),
         }
 
     # ----- the buttons --------------------------------------------------------------------
@@ -521,10 +516,11 @@ class Screen:
 
     @functools.cached_property
     def buttons(self) -> tuple[Button, ...]:
-        """Return all buttons except those of the heats."""
+        """Return all buttons except those of the heats, and FINISH for each kart, for its key."""
         others = self.msr_button, self.track_button, self.heat_button, *self.rosters
-        of_karts = (each for row in self.rows for each in (row.finish, *row.buttons))
-        return *self.race, *others, *of_karts
+        of_karts = (each for row in self.rows for each in row.buttons)
+        finish = (self.kart_button(CommandKind.KART_FINISH, each) for each in self.snapshot.karts)
+        return *self.race, *others, *finish, *of_karts
 
     def button(self, command: Kind, kart: int = 0) -> Button | None:
         return next(
@@ -677,12 +673,7 @@ class Latest:
         self._ended_run: str | None = None
 
     def take_race(self, race: Snapshot, at: float, two: bool) -> None:
-        """
-        Accept a snapshot.
-
-        :param at: when the snapshot arrived, in seconds.
-        :param two: whether snapshots come from two race control programs.
-        """
+        """Accept a snapshot that arrived at a time (s), perhaps from one of two race controls."""
         self.race, self.heard_at, self.two = race, at, two
 
     def take_event(self, event: Event) -> None:
@@ -744,17 +735,6 @@ STEP_STATES = {
     kind: CATALOGUE[kind].result.race[0] for kind in RACE_COMMANDS if CATALOGUE[kind].result.race
 }
 """The state of the race to which commands to the race lead."""
-
-
-def present(results: Standings | None, at: float) -> Standings | None:
-    """
-    Return the results; None if they are out of date, which means that there is no timing.
-
-    :param at: the time on race control's clock, which the timekeeper also uses, in seconds.
-    """
-    # A stamp in the future is as wrong as an old one.
-    is_new = results is not None and abs(at - results.stamp) < TIMING_GONE
-    return results if is_new else None
 
 
 def _runs_of(heat: str, timing: Standings | None) -> list[float]:
@@ -877,7 +857,6 @@ def _row(screen: Screen, kart: KartSnapshot, place: int) -> Row:
             letter if command is CommandKind.KART_FINISH else screen.kart_button(command, kart)
             for command in (_offered(each, race, kart) for each in KART_COMMANDS)
         ),
-        finish=screen.kart_button(CommandKind.KART_FINISH, kart),
         letter=letter,
     )
 

@@ -593,8 +593,7 @@ def test_the_letter_is_lap_until_only_the_last_lap_is_left_and_sends_nothing_wit
     screen = screen_of(results, **FINAL, karts=karts)
     (row,) = screen.rows
 
-    assert screen.button(CommandKind.KART_FINISH, 7) == row.finish
-    assert row.finish.enabled  # it can always be sent by the kart's number
+    assert screen.button(CommandKind.KART_FINISH, 7).enabled  # by its number
     assert row.letter in row.buttons or 'place' in changes
     if given is not None:
         assert (row.letter.command, row.letter.enabled) == (given, True)
