@@ -159,19 +159,15 @@ class AlertsArea(Panel):
         self._book.add_own(text)
         self.alarm.sound_soon()
 
-    def look(self, now: float, alarming: bool) -> None:
-        """Sound the alarm if that is due, for an unseen alert or for another reason."""
-        self.alarm.look(now, alarming or bool(self._unseen))
-
     def toggle_sound(self) -> None:
         self.alarm.muted = not self.alarm.muted
         self.alarm.sound_soon()
         self._mute.show_words('♪ OFF' if self.alarm.muted else '♪ ON', 'F11')
 
     def show_screen(self, screen: Screen) -> None:
-        before, self._screen = self._unseen, screen
+        before, self._screen = self.unseen, screen
         self._show()
-        if before and before != self._unseen:
+        if before and before != self.unseen:
             self._aim.change(before, clock.now())
 
     def _show(self) -> None:
@@ -186,7 +182,7 @@ class AlertsArea(Panel):
         is_short = said.text.startswith('⚠') and said.text.count(',') < 4
         mark(self._summary, kind='large bold' if is_short else 'small bold')
         for button in (self._see, self._see_all):
-            button.bar(not self._unseen)
+            button.bar(not self.unseen)
 
     def _place(self, at: float) -> int:
         """
@@ -206,16 +202,16 @@ class AlertsArea(Panel):
         return shown
 
     @property
-    def _unseen(self) -> list[int]:
+    def unseen(self) -> list[int]:
         """Return the numbers of the unseen notices, in the order shown."""
         return [notice.number for notice in self._notices if not notice.seen]
 
     def press(self, count: int | None) -> None:
         """Mark the first unseen alerts as seen (None: all), if shown for long enough to read."""
         before = self._aim.seen(clock.now())
-        if before is not None and set(self._unseen[:count]) - set(before[:count]):
+        if before is not None and set(self.unseen[:count]) - set(before[:count]):
             changed = 'The alerts have just changed. Check them, then press SEEN again.'
             self.window().bottom.say(changed, Tone.WAIT)
         else:
-            self._book.see(self._unseen[:count])
+            self._book.see(self.unseen[:count])
             self._show()

@@ -16,6 +16,7 @@ from evgp_node.qt import QtCore, QtGui, QtWidgets
 from evgp_node.results import Standings
 from evgp_protocol import clock
 from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import Answer, StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import Cell, time_of_day, Tone
@@ -210,12 +211,13 @@ class ConsoleWindow(QtWidgets.QWidget):
 
     def take_races(self) -> None:
         """Process every waiting snapshot, so that no alert is missed, and show the newest."""
-        shown, changed = self.seen.screen, False
+        changed = False
         while self._waiting:
             race, at, two = self._waiting.popleft()
             self._latest.take_race(race, at, two)
             self.alerts.take_race(race, two)
-            changed = changed or not _is_shown(race, self._latest.results, shown)
+            shown = _without_figures(self.seen.screen.snapshot, self.seen.screen.heard)
+            changed = changed or _without_figures(race, self._latest.results) != shown
         if changed:
             self.refresh()  # if only figures have changed, they can wait for `look`
 
@@ -251,7 +253,8 @@ class ConsoleWindow(QtWidgets.QWidget):
         if danger.title or is_due or shown.danger.title:
             self.refresh()
         self._texts['time_of_day'].show_text(time_of_day(time.time()))
-        self.alerts.look(now, bool(danger.title) and self._latest.race is not None)
+        warned = bool(danger.title) and self._latest.race is not None
+        self.alerts.alarm.look(now, warned or bool(self.alerts.unseen))
         self._late.beat(clock.now())
 
     def refresh(self) -> None:
@@ -352,15 +355,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         super().closeEvent(event)
 
 
-def _is_shown(race: Snapshot, results: Standings | None, on: Screen) -> bool:
-    """Return whether a screen shows this race already, apart from times and link figures."""
-    if on.danger.title or len(race.karts) != len(on.snapshot.karts):
-        return False
-    karts = tuple(
-        kart._replace(link=old.link) if kart.link.grade is old.link.grade else kart
-        for kart, old in zip(race.karts, on.snapshot.karts, strict=True)
-    )
-    if results is not None and on.heard is not None:
-        results = results._replace(stamp=on.heard.stamp)
-    same_race = race._replace(stamp=on.snapshot.stamp, karts=karts) == on.snapshot
-    return same_race and results == on.heard
+def _without_figures(race: Snapshot, results: Standings | None) -> object:
+    """Return what a screen shows of a race, apart from times and the figures of links."""
+    karts = [(kart._replace(link=NOT_MEASURED), kart.link.grade) for kart in race.karts]
+    return race._replace(stamp=0.0, karts=()), karts, results and results._replace(stamp=0.0)
