@@ -125,12 +125,7 @@ class Listener(Protocol):
     """
 
     def on_race(self, race: Snapshot, at: float, two: bool) -> None:
-        """
-        Handle a snapshot that has arrived.
-
-        :param at: when the snapshot arrived, in seconds, on the boot-time clock.
-        :param two: whether snapshots come from two race control programs.
-        """
+        """Handle a snapshot that arrived at a time (s), perhaps from one of two race controls."""
 
     def on_event(self, event: StampedEvent) -> None: ...
 
@@ -402,10 +397,9 @@ def _unsent(given: Given) -> str:
 
 
 def request_message(given: Given) -> Any:
-    fields = {
-        name: state_message(value) if name == 'hold' else value
-        for name, value in request(given, now()).items()
-    }
+    fields = request(given, now())
+    if 'hold' in fields:
+        fields['hold'] = state_message(fields['hold'])
     return getattr(srv, CATALOGUE[given.command].service_type).Request(**fields)
 
 

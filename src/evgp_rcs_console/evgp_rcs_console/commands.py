@@ -4,15 +4,9 @@
 """
 Describes an official's command and its request, and keeps track of what is still unanswered.
 
-The catalogue names each command and says whether the command is a stop. Race control decides
-whether a command is allowed.
-
 The console keeps sending a stop until race control accepts it. Repeats do no harm, because a stop
-only makes things stricter. But a stop must not override a later decision by the official, so once
-race control accepts a less restrictive command from this console, the console gives up all stops
-that were pressed before it. Releasing a kart ends only the earlier stops for that kart. ALL KILL
-and RECORD_MSR are always sent until race control accepts them. No stop outlives its race: a stop
-older than ``OUTLIVES`` ends once a later race has certainly begun.
+only makes things stricter. But a stop must neither override a later decision by the official
+(``_ends``) nor outlive its race (``superseded``).
 
 The module is pure: callers pass in all snapshots and times.
 """
@@ -282,7 +276,11 @@ class StandingStops:
 
 
 def _ends(later: Given, stop: Given) -> bool:
-    """Return whether accepting a later command ends a stop: never ALL KILL or RECORD_MSR."""
+    """
+    Return whether accepting a later command ends a stop: never ALL KILL or RECORD_MSR.
+
+    Releasing a kart ends only the stops for that kart.
+    """
     entry, to_one_kart = CATALOGUE[later.command], CATALOGUE[stop.command].to_one_kart
     if entry.loosens and 'karts' in entry.takes:
         return to_one_kart or stop.command is CommandKind.RED_FLAG

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+import math
 import time
 from typing import TYPE_CHECKING
 
@@ -240,23 +241,20 @@ class Mouse:
     def __init__(self, presses: CommandInput) -> None:
         self._presses, self._late = presses, presses.late
         self._window, self._bottom = presses.window, presses.window.bottom
-        self._active_since: float | None = None
-        self._brought_forward = False
+        self._active_since: float | None = None  # long ago, once a click has brought it forward
         self._held: QtWidgets.QAbstractButton | None = None
         self._held_name = ''  # when it went down; it may be another kart's now
         self._under: QtWidgets.QWidget | None = None
 
     def take_activation(self, active: bool) -> None:
-        self._active_since = clock.now() if active else None
         if not active:
-            self._brought_forward = False
+            self._active_since = None
+        elif self._active_since is None:
+            self._active_since = clock.now()
 
     def _only_brings_forward(self) -> bool:
         """Return whether a click only brings the window to the front."""
-        if self._brought_forward:
-            return False
-        since = self._active_since
-        self._brought_forward = True
+        since, self._active_since = self._active_since, -math.inf
         if since is None:
             self._window.activateWindow()
         return since is None or clock.now() - since < FORWARD

@@ -277,8 +277,9 @@ class KartList(Panel):
         self._tiles.hide()
         self.table.setItemDelegate(self._delegate)
         self.table.pressed.connect(self._choose)
-        self.table.entered.connect(lambda index: self._explain(self.whole(index.row())))
-        self.table.viewportEntered.connect(lambda: self._explain(''))
+        entered, left = self.table.entered, self.table.viewportEntered
+        entered.connect(lambda index: self.window().bottom.point_at(self.whole(index.row())))
+        left.connect(lambda: self.window().bottom.point_at(''))
         lay(self, [self._tiles], [self.table], margins=(1, 1, 1, 1), heights=(0, 1))
 
     @property
@@ -294,9 +295,6 @@ class KartList(Panel):
 
     def _choose(self, index: QtCore.QModelIndex) -> None:
         self.window().chosen.choose_in_sight(self.numbers[index.row()])
-
-    def _explain(self, text: str) -> None:
-        self.window().bottom.point_at(text)
 
     def whole(self, place: int) -> str:
         """Return the full text of a row; empty if none of the text is cut off."""

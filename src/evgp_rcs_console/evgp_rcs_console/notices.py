@@ -23,8 +23,6 @@ from evgp_rcs.rules.race import Alert, AlertKind, Event, EventKind, StampedEvent
 from evgp_rcs.words import Cell, numbered, STATES, time_of_day, Tone
 from evgp_rcs_console import texts
 
-Key = tuple[AlertKind, int]
-
 NO_SINGLE_KART = 'the whole race'
 ALERT_MSR, ALERT_OTHER, ALERT_ENDED = '⚠ USE THE MSR', '! ALERT', 'ENDED'
 ALERT_WAS = {
@@ -129,28 +127,25 @@ class AlertBook:
         :param two: whether snapshots come from two race controls in turn. If so, an alert missing
             from this snapshot may be in the next one.
         """
-        now: dict[Key, Alert] = {(alert.kind, alert.kart): alert for alert in alerts}
+        new = {(alert.kind, alert.kart): alert for alert in alerts}
         kept: list[Notice] = []
-        known: set[Key] = set()
         for notice in self.notices:
             if notice.alert is None or not notice.lasts:
                 kept.append(notice)
                 continue
             key = notice.alert.kind, notice.alert.kart
-            if key in now:
-                if two or notice.alert.use_msr or not now[key].use_msr:
-                    known.add(key)
-                    kept.append(replace(notice, alert=now[key]))
+            if key in new:
+                if two or notice.alert.use_msr or not new[key].use_msr:
+                    kept.append(replace(notice, alert=new.pop(key)))
             elif two:
                 kept.append(notice)
             elif not notice.seen:
                 kept.append(replace(notice, lasts=False))
-        news = [alert for key, alert in reversed(now.items()) if key not in known]
-        for alert in news:
+        for alert in reversed(new.values()):
             self._count += 1
             kept.append(Notice(self._count, alert))
         self.notices = kept
-        return bool(news)
+        return bool(new)
 
     def add_own(self, text: str) -> None:
         """Add a notice that this console raises itself; it stays until the official sees it."""

@@ -80,6 +80,7 @@ NIGHT = Palette(
 BLACK, WHITE, YELLOW = '#14171A', '#FFFFFF', '#FFCF00'
 
 FILLS = {
+    Tone.GOOD: (WHITE, '#0A7D3E'),
     Tone.WAIT: (BLACK, '#F2C200'),
     Tone.BAD: (WHITE, '#B3001B'),
     Tone.GRID: (BLACK, '#F2C200'),
@@ -127,10 +128,8 @@ def sheet() -> str:
     line, strong = px(1), px(2)
     tones = Tone.FAINT, Tone.GOOD, Tone.BAD
     rules = [f'[tone="{tone.value}"] {{ color: {look.text(tone)}; }}' for tone in tones]
-    fills = {**FILLS, Tone.GOOD: FILLS[Tone.GREEN], Tone.GARAGE: (colours.ink, colours.raised)}
-    fills |= dict.fromkeys((Tone.FAINT, Tone.PLAIN), (colours.faint, colours.raised))
-    for tone, (ink, fill) in fills.items():
-        ground = f'[ground="{tone.value}"]'
+    for tone in Tone:
+        (ink, fill), ground = look.fill(tone), f'[ground="{tone.value}"]'
         rules.append(f'{ground}, {ground} QLabel {{ color: {ink}; border: 0; }}')
         rules.append(f'{ground} {{ background: {fill}; border-radius: {px(RADIUS)}px; }}')
         if tone is Tone.GARAGE:
