@@ -106,8 +106,8 @@ class Question(Sheet):
         for text in self._texts:
             self.add(text)
         answers = QtWidgets.QWidget()
-        lay(answers, (self.no, self.also, self.yes), gap=10, columns=(1, 1, 1))
-        self.add(answers, 60)
+        lay(answers, (self.no, self.also, self.yes), gap=10, columns=(2, 3, 3))
+        self.add(answers, 74)
 
     def lay_out(self, room: QtCore.QRect) -> None:
         """
