@@ -39,7 +39,6 @@ from evgp_rcs_console.command_line import (
     Told,
 )
 from evgp_rcs_console.commands import Given, Standing
-from evgp_rcs_console.ctl import TIDY
 from evgp_rcs_console.ctl_ros import Hearing
 from evgp_rcs_msgs import srv
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
@@ -161,7 +160,6 @@ def client_of(domain: int, listener: Hearing, there: str = '') -> Iterator[Clien
 
 
 def test_every_command_of_an_official_is_there_once_and_fits_its_service() -> None:
-    assert len(COMMANDS) == len({*COMMANDS.values()})
     assert {*COMMANDS.values()} == {*CommandKind, *CORRECTIONS}
     for command in COMMANDS.values():
         takes = CORRECTIONS[command].takes if isinstance(command, Act) else ()
@@ -200,94 +198,35 @@ ctl_ros.attend = interrupt
 
 
 @pytest.mark.parametrize(
-    ('before', 'words', 'code', 'said'),
+    ('before', 'line', 'code', 'said'),
     [
-        (FAILS, ['all-kill'], NOT_THERE, r'\(rcs_ctl failed; ROS domain(.|\n)*USE THE MSR'),
-        (NO_PERMISSION, ['red-flag'], USAGE, rf'^.*/officials.*\n{NO_STOP_SENT}\n$'),
-        ('', ['red-flag', '--ros-args', '--no-such-option'], USAGE, rf'\n{NO_STOP_SENT}\n$'),
-        (INTERRUPTED, ['red-flag'], NOT_THERE, rf'^{NO_STOP_SENT}\n$'),
-        (INTERRUPTED, ['close-track'], NOT_THERE, rf'^{NOTHING_SENT}\n$'),
+        (FAILS, 'all-kill', NOT_THERE, r'\(rcs_ctl failed; ROS domain(.|\n)*USE THE MSR'),
+        (NO_PERMISSION, 'red-flag', USAGE, rf'^.*/officials.*\n{NO_STOP_SENT}\n$'),
+        ('', 'red-flag --ros-args --no-such-option', USAGE, rf'\n{NO_STOP_SENT}\n$'),
+        (INTERRUPTED, 'red-flag', NOT_THERE, rf'^{NO_STOP_SENT}\n$'),
+        (INTERRUPTED, 'close-track', NOT_THERE, rf'^{NOTHING_SENT}\n$'),
+        # Without a terminal, nobody is asked for a name.
+        ('', 'green-green 1 --wait 0.5', NOT_THERE, '^GREEN GREEN was not sent: .* not found'),
+        ('', 'all-kill --wait 0.5', NOT_THERE, 'ROS domain {domain}(.|\n)*USE THE MSR'),
+        ('', 'watch --once --wait 0.5', NOT_THERE, 'NO RACE CONTROL YET(.|\n)*domain {domain}'),
     ],
-    ids=['failed itself', 'not allowed', 'wrong setting of ROS', 'interrupted', 'no stop'],
+    ids=[
+        *('failed itself', 'not allowed', 'wrong setting of ROS', 'interrupted', 'no stop'),
+        *('not there', 'stop', 'watch'),
+    ],
 )
-def test_a_stop_or_another_command_that_rcs_ctl_cannot_send_says_why(
-    domain: int, before: str, words: list[str], code: int, said: str
+def test_what_cannot_be_sent_or_shown_says_why_and_asks_for_the_msr_only_for_a_stop(
+    domain: int, before: str, line: str, code: int, said: str
 ) -> None:
-    done = run(domain, *words, before=before)
+    done = run(domain, *line.split(), before=before)
+    shown = done.stdout + done.stderr
 
     assert done.returncode == code
-    assert re.search(said, done.stderr), done.stderr
+    assert re.search(said.replace('{domain}', f'{domain}'), shown), shown
+    assert line.startswith(('all-kill', 'red-flag')) or 'USE THE MSR' not in shown
 
 
 # ----- whatever race control and DDS do ---------------------------------------------------
-
-
-HANGS = """
-import contextlib, ctypes, pathlib, time
-import rclpy
-from rclpy.node import Node
-
-def hang(*_, **__):
-    lock, mutex = ctypes.PyDLL(None).pthread_mutex_lock, ctypes.create_string_buffer(64)
-    lock(mutex)
-    with contextlib.suppress(KeyboardInterrupt):  # one that comes before it hangs
-        pathlib.Path({hung!r}).write_text(str(time.monotonic()))
-        lock(mutex)
-    lock(mutex)
-
-{where} = hang
-"""
-"""
-`rcs_ctl` with a part of rclpy that never returns and holds the interpreter's lock, as DDS does
-when another process has died with a lock of its shared memory. A stand-in, since that cannot be
-brought about at will.
-"""
-
-
-def run_hanging(
-    hung: pathlib.Path, domain: int, where: str, *words: str, interrupts: int = 0
-) -> subprocess.CompletedProcess[str]:
-    """
-    Run `rcs_ctl` with a part of rclpy that hangs; return how it ended.
-
-    :param hung: a file for the monotonic time (s) at which it hung.
-    :param interrupts: how often Ctrl-C is pressed once it hangs.
-    """
-    with start(domain, *words, before=HANGS.format(where=where, hung=str(hung))) as process:
-        try:
-            ends = time.monotonic() + PATIENCE
-            while interrupts and time.monotonic() < ends:
-                time.sleep(0.05)  # two of them at once would be one
-                if hung.exists() and hung.read_text():
-                    process.send_signal(signal.SIGINT)
-                    interrupts -= 1
-            stdout, stderr = process.communicate(timeout=PATIENCE)
-        finally:
-            process.kill()
-    return subprocess.CompletedProcess(words, process.returncode, stdout, stderr)
-
-
-def test_a_command_ends_by_its_deadline_when_ros_hangs(
-    tmp_path: pathlib.Path, domain: int
-) -> None:
-    words, hung = ('kart-red-red', '7', '--wait', '0.5'), tmp_path / 'hung'
-    done = run_hanging(hung, domain, 'rclpy.init', *words)
-    seconds = time.monotonic() - float(hung.read_text())
-
-    assert done.returncode == NOT_THERE
-    # What is waited for is ROS, which may take its own time to start.
-    assert f'no answer within {0.5 + STARTING:g} s' in done.stderr
-    assert 'USE THE MSR' in done.stderr
-    assert seconds < 0.5 + STARTING + TIDY + 3.0  # the interpreter's own end
-
-
-def test_a_second_interrupt_ends_a_command_at_once_when_ros_hangs(
-    tmp_path: pathlib.Path, domain: int
-) -> None:
-    words = 'Node.create_client', 'all-kill', '--wait', '3600'
-    done = run_hanging(tmp_path / 'hung', domain, *words, interrupts=2)
-
-    assert done.returncode == -signal.SIGINT
 
 
 def test_a_stop_without_an_answer_says_what_is_known_when_interrupted_and_at_its_deadline(
@@ -317,27 +256,6 @@ def test_a_stop_without_an_answer_says_what_is_known_when_interrupted_and_at_its
     assert re.search(rf'{started}/rcs/race, ROS domain {domain}', done.stderr)
     for said in (stderr, done.stderr):
         assert 'USE THE MSR' in said
-
-
-@pytest.mark.parametrize(
-    ('words', 'said'),
-    [
-        (('green-green', '1'), 'GREEN GREEN was not sent: race control was not found'),
-        (('all-kill',), 'USE THE MSR'),
-        (('watch', '--once'), 'NO RACE CONTROL YET'),
-    ],
-)
-def test_without_race_control_the_exit_code_says_so(
-    domain: int, words: tuple[str, ...], said: str
-) -> None:
-    done = run(domain, *words, '--wait', '0.5')
-
-    assert done.returncode == NOT_THERE
-    assert said in done.stdout + done.stderr
-    assert 'Your name' not in done.stderr  # without a terminal, nobody is asked
-    assert ('USE THE MSR' in done.stdout + done.stderr) is (said == 'USE THE MSR')
-    if words[0] != 'green-green':
-        assert f'ROS domain {domain}' in done.stdout + done.stderr
 
 
 def test_watch_goes_on_and_says_when_race_control_has_ended(
@@ -420,12 +338,6 @@ def the_desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
         yield desk
 
 
-@pytest.fixture
-def lasting(the_desk: Desk) -> RaceControl:
-    """Return that race control for the tests that only look, or stop."""
-    return the_desk.control
-
-
 Desks = tuple[RaceControl, Official, Lines]
 
 
@@ -456,7 +368,13 @@ def test_a_whole_race_by_commands(desk: Desks, connect_kart: ConnectKart) -> Non
 
     lines.accepted('join', '3')
     lines.accepted('leave', '3')
-    lines.accepted('grid-active', '1', '2', '--track-is-clear')
+    lines.accepted('open-track', '--no-race-anywhere')
+    race = official.wait_for_race(lambda race: race.track.open, 'the track open')
+    grid_active = 'grid-active', '1', '2', '--track-is-clear'
+    asked = lines.run(*grid_active)
+    line = asked.error.splitlines()[-1].partition('type: rcs_ctl ')[2].split()
+    assert line == [*grid_active, '--closes', str(race.track.opening)]
+    lines.accepted(*line)
     official.wait_for_acks(RaceState.GRID_ACTIVE, 1, 2)
     lines.accepted('green-green', '2', '1')
     kart.wait_for_state(RaceState.GREEN_GREEN)
@@ -470,6 +388,7 @@ def test_a_whole_race_by_commands(desk: Desks, connect_kart: ConnectKart) -> Non
     lines.accepted('close-track')
     lines.accepted('in-garage', '1', '2', '--track-is-safe')
     kart.wait_for_state(RaceState.IN_GARAGE)
+    lines.accepted(*grid_active)
     lines.accepted('all-kill')
     kart.wait_for_state(RaceState.RED_RED)
     lines.accepted('record-msr', '--msr-was-used')
@@ -479,27 +398,6 @@ def test_a_whole_race_by_commands(desk: Desks, connect_kart: ConnectKart) -> Non
     said = lines.accepted('kart-in-garage', '3', '--made-safe-by-hand')
     assert 'Releases kart 3 (Team 3): RED RED' in said
     assert 'Kart 3 (Team 3) is released' in said
-
-
-def test_grid_active_closes_the_track_by_the_line_that_is_printed_and_after_it_was_closed(
-    desk: Desks, connect_kart: ConnectKart
-) -> None:
-    control, official, lines = desk
-    for number in (1, 2):
-        connect_kart(control, number, Acknowledges.EACH_CHANGE)
-    official.wait_for_connected(1, 2)
-    words = 'grid-active', '1', '2', '--track-is-clear'
-    lines.accepted('open-track', '--no-race-anywhere')
-    race = official.wait_for_race(lambda race: race.track.open, 'the track open')
-    asked = lines.run(*words)
-    line = asked.error.splitlines()[-1].partition('type: rcs_ctl ')[2].split()
-    assert line == [*words, '--closes', str(race.track.opening)]
-    lines.accepted(*line)
-    official.wait_for_acks(RaceState.GRID_ACTIVE, 1, 2)
-    official.bring_to(RaceState.IN_GARAGE)
-    lines.accepted('open-track', '--no-race-anywhere')
-    lines.accepted('close-track')
-    lines.accepted(*words)
 
 
 TYPE = 'rcs_ctl grid-active 1 2 --track-is-clear'
@@ -541,17 +439,12 @@ def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
     assert {kart.state for kart in karts} == {RaceState.IN_GARAGE}
 
 
-@pytest.fixture
-def kept(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathlib.Path:
-    """Return the file in which the official's name is kept; it does not exist yet."""
-    monkeypatch.setenv('ROS_HOME', str(tmp_path / 'ros'))
-    return tmp_path / 'ros' / 'evgp_rcs' / 'official'
-
-
 def test_an_official_is_asked_for_a_name_once_at_a_terminal_only_and_never_before_a_stop(
-    desk: Desks, kept: pathlib.Path
+    desk: Desks, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     control, official, _ = desk
+    monkeypatch.setenv('ROS_HOME', str(tmp_path))
+    kept = tmp_path / 'evgp_rcs' / 'official'
     with official.news:
         official.events.clear()
     stop = at_terminal(control.domain, 'all-kill')
@@ -628,21 +521,11 @@ def test_a_heat_is_put_into_the_race_by_its_name_and_watch_lists_the_heats(desk:
     assert (unknown.code, 'Heat A' in unknown.error) == (REFUSED, True)
 
 
-def test_a_watch_that_hangs_says_so_and_ends(tmp_path: pathlib.Path, lasting: RaceControl) -> None:
-    where = 'from evgp_rcs_console import client\nclient.Client.announce'  # with the race shown
-    words = 'watch', '--wait', '3600'  # what it waits for at first is no limit any more
-
-    done = run_hanging(tmp_path / 'hung', lasting.domain, where, *words)
-
-    assert done.returncode == NOT_THERE
-    assert 'USE THE MSR (ROS has hung; ROS domain' in done.stderr
-
-
 def test_a_watch_says_that_somebody_is_there_at_a_terminal_but_not_through_a_pipe(
-    lasting: RaceControl, join_official: JoinOfficial
+    the_desk: Desk, join_official: JoinOfficial
 ) -> None:
-    official = join_official(lasting)
-    with start(lasting.domain, 'watch') as piped:
+    official = join_official(the_desk.control)
+    with start(the_desk.domain, 'watch') as piped:
         assert piped.stdout is not None
         assert any('Race: ' in line for line in piped.stdout)
         assert official.node.count_publishers('/rcs/presence') == 0
@@ -651,7 +534,7 @@ def test_a_watch_says_that_somebody_is_there_at_a_terminal_but_not_through_a_pip
         assert piped.stderr is not None
         assert not piped.stderr.read()
 
-    watch = at_terminal(lasting.domain, 'watch')
+    watch = at_terminal(the_desk.domain, 'watch')
     reading = threading.Thread(target=watch.end)
     reading.start()
     seen = official.wait_for_race(lambda race: race.able_to_stop, 'somebody')
@@ -661,21 +544,79 @@ def test_a_watch_says_that_somebody_is_there_at_a_terminal_but_not_through_a_pip
     assert not reading.is_alive()
 
 
-def test_the_answer_is_out_before_anything_is_torn_down(
-    tmp_path: pathlib.Path, lasting: RaceControl
+HANGS = """
+import contextlib, ctypes, pathlib
+import rclpy
+from rclpy.node import Node
+from evgp_rcs_console.client import Client
+
+def hang(*_, **__):
+    lock, mutex = ctypes.PyDLL(None).pthread_mutex_lock, ctypes.create_string_buffer(64)
+    lock(mutex)
+    with contextlib.suppress(KeyboardInterrupt):  # one that comes before it hangs
+        pathlib.Path({hung!r}).touch()
+        lock(mutex)
+    lock(mutex)
+
+{where} = hang
+"""
+"""
+`rcs_ctl` with a part that never returns and holds the interpreter's lock, as DDS does when another
+process has died with a lock of its shared memory. A stand-in, since that cannot be brought about
+at will.
+"""
+
+IN_TIME = rf'no answer within {0.5 + STARTING:g} s(.|\n)*USE THE MSR'
+"""What is waited for is ROS, which may take its own time to start."""
+
+HUNG = r'USE THE MSR \(ROS has hung; ROS domain'
+
+
+@pytest.mark.parametrize(
+    ('where', 'line', 'interrupts', 'code', 'output', 'error'),
+    [
+        ('rclpy.init', 'kart-red-red 7 --wait 0.5', 0, NOT_THERE, '', IN_TIME),
+        ('Node.create_client', 'all-kill --wait 3600', 2, -signal.SIGINT, '', ''),
+        # What it waits for at first is no limit any more.
+        ('Client.announce', 'watch --wait 3600', 0, NOT_THERE, '', HUNG),
+        ('Node.destroy_node', 'all-kill --wait 20', 0, ACCEPTED, 'RED RED sent', '^$'),
+    ],
+    ids=['at its deadline', 'interrupted twice', 'a watch', 'after the answer'],
+)
+def test_a_line_ends_and_says_what_it_knows_when_ros_hangs(
+    tmp_path: pathlib.Path,
+    the_desk: Desk,
+    where: str,
+    line: str,
+    interrupts: int,
+    code: int,
+    output: str,
+    error: str,
 ) -> None:
-    words = 'Node.destroy_node', 'all-kill', '--wait', '20'
-    done = run_hanging(tmp_path / 'hung', lasting.domain, *words)
+    hung = tmp_path / 'hung'
+    before = HANGS.format(where=where, hung=str(hung))
+    with start(the_desk.domain, *line.split(), before=before) as process:
+        try:
+            ends = time.monotonic() + PATIENCE
+            while interrupts and time.monotonic() < ends:
+                time.sleep(0.05)  # two of them at once would be one
+                if hung.exists():
+                    process.send_signal(signal.SIGINT)
+                    interrupts -= 1
+            stdout, stderr = process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
 
-    assert (done.returncode, done.stderr) == (ACCEPTED, '')
-    assert 'RED RED sent' in done.stdout
+    assert process.returncode == code
+    assert re.search(output, stdout), stdout
+    assert re.search(error, stderr), stderr
 
 
-def test_a_stop_is_sent_although_the_disk_is_full(lasting: RaceControl) -> None:
+def test_a_stop_is_sent_although_the_disk_is_full(the_desk: Desk) -> None:
     """Neither the log, a temporary file nor the answer can be written; the name is not UTF-8."""
     nowhere = "import tempfile; tempfile.tempdir = '/proc'  # nobody can write there"
     official = os.fsdecode('Jürgen'.encode('latin-1'))
-    domain = str(lasting.domain)
+    domain = str(the_desk.domain)
     with open('/dev/full', 'w') as full:  # noqa: PTH123
         done = subprocess.call(
             [sys.executable, '-c', f'{nowhere}\n{CALLS}', 'red-flag', '--official', official],
@@ -689,7 +630,7 @@ def test_a_stop_is_sent_although_the_disk_is_full(lasting: RaceControl) -> None:
 
 
 def test_a_command_or_an_announcement_that_cannot_be_sent_keeps_no_stop_from_being_sent(
-    lasting: RaceControl, monkeypatch: pytest.MonkeyPatch
+    the_desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nor does an announcement, as by a wall clock past 2038, which may be right again later."""
 
@@ -697,7 +638,7 @@ def test_a_command_or_an_announcement_that_cannot_be_sent_keeps_no_stop_from_bei
         raise RCLError('cannot publish data')
 
     hearing = Hearing()
-    with client_of(lasting.domain, hearing, there='rcs_gui') as client:
+    with client_of(the_desk.domain, hearing, there='rcs_gui') as client:
         monkeypatch.setattr(client._there, 'publish', fail)
         client.announce('Anna', '')
         assert client.wait_for(CommandKind.SET_HEAT, PATIENCE)
@@ -715,23 +656,25 @@ def test_a_command_or_an_announcement_that_cannot_be_sent_keeps_no_stop_from_bei
 
 
 @pytest.mark.parametrize(
-    ('heat', 'changed', 'stop_given_at'),
+    ('heat', 'changed', 'stop_given_at', 'goes_on'),
     [
-        ('none', {}, -math.inf),
-        ('Final', {'THEN_WITHIN': 0.0}, -math.inf),
-        ('Final', {'THEN_WITHIN': PATIENCE}, math.inf),
-        ('Final', {'Client._finds': lambda *_: False}, -math.inf),
-        ('Final', {'Client._answered': lambda *_: None, 'GIVE_UP': 0.1}, -math.inf),
-        ('Final', {'request_message': lambda _: None}, -math.inf),
+        ('Final', {'THEN_WITHIN': PATIENCE}, -math.inf, True),
+        ('none', {}, -math.inf, False),
+        ('Final', {'THEN_WITHIN': 0.0}, -math.inf, False),
+        ('Final', {'THEN_WITHIN': PATIENCE}, math.inf, False),
+        ('Final', {'Client._finds': lambda *_: False}, -math.inf, False),
+        ('Final', {'Client._answered': lambda *_: None, 'GIVE_UP': 0.1}, -math.inf, False),
+        ('Final', {'request_message': lambda _: None}, -math.inf, False),
     ],
-    ids=['refused', 'late', 'after a stop', 'not there', 'unanswered', 'not sent'],
+    ids=['accepted', 'refused', 'late', 'after a stop', 'not there', 'unanswered', 'not sent'],
 )
-def test_what_was_confirmed_with_a_command_and_is_not_sent_after_it_is_told(
+def test_what_was_confirmed_with_a_command_is_sent_once_that_is_accepted_or_else_it_is_told(
     desk: Desks,
     monkeypatch: pytest.MonkeyPatch,
     heat: str,
     changed: dict[str, Any],
     stop_given_at: float,
+    goes_on: bool,
 ) -> None:
     for name, value in changed.items():
         monkeypatch.setattr(f'evgp_rcs_console.client.{name}', value)
@@ -744,50 +687,30 @@ def test_what_was_confirmed_with_a_command_and_is_not_sent_after_it_is_told(
         monkeypatch.setattr(client, 'give', sent.append)
         give(Given(CommandKind.SET_HEAT, taken={'heat': heat}, then=then))
         ends = now() + PATIENCE
-        while not (hearing.answer and not hearing.answer[1].success) and now() < ends:
+        while not sent and not (hearing.answer and not hearing.answer[1].success) and now() < ends:
             client.announce('Anna', '')  # which keeps the client busy
             hearing.wait_for(lambda: hearing.answer, now() + 0.1)
     assert hearing.answer is not None
-    assert not hearing.answer[1].success
-    assert 'JOIN kart 1, JOIN kart 2' in hearing.answer[1].message
-    assert not sent
+    assert hearing.answer[1].success is goes_on
+    assert ('JOIN kart 1, JOIN kart 2' in hearing.answer[1].message) is not goes_on
+    assert [each.kart for each in sent] == [1] * goes_on
+    assert all(each.then == then[1:] for each in sent)
 
 
-def test_what_was_confirmed_with_a_command_is_sent_once_that_is_accepted(
-    desk: Desks, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr('evgp_rcs_console.client.THEN_WITHIN', 60.0)
-    control, official, _ = desk
-    with client_of(control.domain, Hearing()) as client:
-        assert client.wait_for(CommandKind.SET_HEAT, PATIENCE)
-        then = (Given(CommandKind.JOIN_RACE, 1),)
-        client.give(Given(CommandKind.SET_HEAT, taken={'heat': 'Final'}, then=then))
-        official.wait_for_race(lambda race: all(kart.in_race for kart in race.karts), 'all three')
+def test_that_all_kill_is_accepted_is_told_last(the_desk: Desk) -> None:
+    """However long it takes to tell that it is pressed, unless it is accepted meanwhile."""
+    hearing, told, accepted = Hearing(), list[int](), threading.Event()
 
-
-class SlowListener(Hearing):
-    """Takes its time over the news that ALL KILL is pressed, unless it is accepted meanwhile."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.told: list[int] = []
-        self.accepted = threading.Event()
-
-    def on_pressing(self, stops: tuple[Standing, ...]) -> None:
-        """Keep the news, in the order in which the telling ended."""
+    def on_pressing(stops: tuple[Standing, ...]) -> None:
         if stops:
-            self.accepted.wait(0.5)
+            accepted.wait(0.5)
         else:
-            self.accepted.set()
-        self.told.append(len(stops))
+            accepted.set()
+        told.append(len(stops))
 
-
-def test_that_all_kill_is_accepted_is_told_last(lasting: RaceControl) -> None:
-    listener = SlowListener()
-
-    with client_of(lasting.domain, listener) as client:
+    hearing.on_pressing = on_pressing  # type: ignore[method-assign]
+    with client_of(the_desk.domain, hearing) as client:
         client.give(Given(CommandKind.ALL_KILL))
-        with listener.news:
-            assert listener.news.wait_for(lambda: listener.answer, PATIENCE)
+        assert hearing.wait_for(lambda: hearing.answer, now() + PATIENCE)
 
-    assert listener.told[-1] == 0
+    assert told[-1] == 0
