@@ -4,7 +4,7 @@
 """
 The timekeeper's window without a screen, before a timekeeper's desk on paper.
 
-Its client is beside a real timekeeper, and before what a node of this test says, over real DDS.
+Its client is before what a node of this test says, over real DDS.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from collections.abc import Callable, Iterator, Mapping
 import contextlib
 import importlib
 import os
-import pathlib
 import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from typing import Any
 
@@ -40,8 +40,7 @@ from evgp_node.roster import Heat
 from evgp_node.stamps import stamp_of
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.part import PATIENCE
-from evgp_testing.process import freeze, Program
-from evgp_testing.race_control import Timekeeper, write_roster
+from evgp_testing.process import Program
 from evgp_testing.ros_side import joined, RosSide
 from evgp_timing import window
 from evgp_timing.corrections import CORRECTIONS
@@ -99,7 +98,7 @@ class Paper(test_desk.Event):
 
 
 class Event(RosSide):
-    """What race control and a timing line say."""
+    """What race control, a timing line and a timekeeper say."""
 
     def __init__(self, domain: int) -> None:
         super().__init__('event', domain)
@@ -122,9 +121,24 @@ class Event(RosSide):
         status.hardware_id, status.values = '10.1.0.20:5403', [KeyValue(key='kind', value='p3')]
         self._diagnostics.publish(DiagnosticArray(status=[status]))
 
-    def publish(self, results: Standings) -> None:
+    def publish(self) -> None:
         """Publish results in the timekeeper's place."""
-        self._results.publish(message_of(results, msg.Results))
+        self._results.publish(message_of(RESULTS, msg.Results))
+
+    def refuse_laps(self) -> threading.Event:
+        """Refuse each lap in the timekeeper's place, but wait while the result is not set."""
+        answering = threading.Event()
+        answering.set()
+
+        def refuse(_: object, answer: Any) -> object:
+            answering.wait()
+            answer.message = 'it was refused'
+            return answer
+
+        entry = CORRECTIONS[Act.COUNT]
+        kind = getattr(srv, entry.service_type)
+        self.node.create_service(kind, f'/rcs/{entry.service}', refuse)
+        return answering
 
 
 class Window:
@@ -182,17 +196,29 @@ class Window:
         assert button.isEnabled(), text
         QtTest.QTest.mouseClick(button, QtCore.Qt.MouseButton.LeftButton)
 
-    def type_(self, name: str, text: str) -> None:
-        QtTest.QTest.keyClicks(self.find(name), text)
+    def fill(self, **fields: Any) -> None:
+        """Fill in fields by their names."""
+        for name, value in fields.items():
+            field = self.find(name)
+            if isinstance(field, QtWidgets.QComboBox):
+                field.setCurrentIndex(field.findText(value, QtCore.Qt.MatchFlag.MatchStartsWith))
+                assert field.currentText().startswith(value), value
+            elif isinstance(field, QtWidgets.QLineEdit):
+                QtTest.QTest.keyClicks(field, value)
+            elif isinstance(field, QtWidgets.QCheckBox):
+                field.setChecked(value)
+            else:
+                field.setValue(value)
 
-    def choose(self, name: str, text: str) -> None:
-        at = self.find(name).findText(text, QtCore.Qt.MatchFlag.MatchStartsWith)
-        assert at >= 0, [self.find(name).itemText(each) for each in range(self.find(name).count())]
-        self.find(name).setCurrentIndex(at)
+    def confirm(self, text: str, said: str, **fields: Any) -> None:
+        """Fill in the dialog, press a button of it, and wait for what the bottom line says."""
+        self.fill(**fields)
+        self.press(text)
+        self.until_said(said)
 
     def count(self, kart: str) -> None:
         """Count a lap by hand, by keys."""
-        self.type_('lap', kart)
+        self.fill(lap=kart)
         QtTest.QTest.keyClick(self.find('lap'), QtCore.Qt.Key.Key_Return)
 
     def settle(self) -> None:
@@ -280,63 +306,53 @@ def racing(application: Any, paper: Paper) -> Iterator[Window]:
 # ----- what it shows --------------------------------------------------------------------------
 
 
-def test_it_shows_the_race_and_what_the_timekeeper_asks(racing: Window, paper: Paper) -> None:
+def test_it_shows_the_race_what_is_asked_badges_with_numbers_and_frames_of_corrections(
+    racing: Window, paper: Paper
+) -> None:
     assert racing.text('title') == HEAT
-    assert racing.text('about').startswith('race to 3 laps · run of ')
     assert 'GREEN GREEN 4:1' in racing.text('about')
     assert {row[2] for row in racing.rows(0)} == {*TEAMS.values()}
     assert 'cannot stop a race' in racing.text('stops')
-    paper.tell(What.FINISH, 7)
-    racing.until(lambda: 'Kart 7 is marked as finished, but 3 laps' in racing.text('warning'))
-
-
-def test_a_karts_number_is_on_a_badge_and_a_correction_in_a_frame(racing: Window) -> None:
     racing.count('7')
     racing.until(lambda: racing.crossing('7'))
     for table, column in ((racing.table(0), 1), (racing.table(1), 1), (racing.table(1), 3)):
         cell = table.visualItemRect(table.item(0, column))
         edge = table.viewport().grab(cell).toImage().pixelColor(6, cell.height() // 2)
         assert edge.name() == '#14171a'
+    paper.tell(What.FINISH, 7)
+    racing.until(lambda: 'Kart 7 is marked as finished, but 3 laps' in racing.text('warning'))
 
 
 def test_a_correction_that_is_not_sent_or_not_answered_is_told_and_a_late_answer_too(
     seen: Window,
     event: Event,
     parts: contextlib.ExitStack,
-    domain: int,
-    tmp_path: pathlib.Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(window_widgets, 'NO_ANSWER', 0.5)
-    seen.until(lambda: seen.rows(0), lambda: event.publish(RESULTS))
+    seen.until(lambda: seen.rows(0), event.publish)
     seen.count('7')
     seen.until_said('LAP refused: the timekeeper was not found. Nothing was sent')
-    write_roster(tmp_path, TEAMS)
-    timekeeper = parts.enter_context(Timekeeper(tmp_path, domain, {}))
-    event.state()
-    seen.until(lambda: not seen.rows(0) and 'GREEN' in seen.text('about'))
-    # What the two nodes know of each other is not known of the service at once.
-    seen.until(
-        lambda: 'LAP refused: no race has been started' in seen.text('said'),
-        lambda: 'not found' in seen.text('said') and seen.count('7'),
-    )
-    freeze(timekeeper.pid)
-    try:
-        seen.count('7')
-        seen.until_said('LAP: no answer for', 'Check the results before')
-        seen.until(lambda: 'The timekeeper has been silent for 4 s' in seen.text('warning'))
-        assert not seen.find('PENALISE').isEnabled()
-        seen.count('7')
-        seen.until_said('LAP was not sent: the timekeeper has been silent for')
-    finally:
-        timekeeper.signal(signal.SIGCONT)
-    seen.until_said('LAP refused: no race has been started')
-    seen.until(lambda: seen.find('PENALISE').isEnabled())
-    assert seen.text('warning') == ''
-    seen.count('9')
-    seen.until_said('There is no kart 9')
+    answering = event.refuse_laps()
+    parts.callback(answering.set)
+
+    def again() -> None:
+        event.publish()
+        if 'not found' in seen.text('said'):
+            seen.count('7')
+
+    seen.until_said('LAP refused: it was refused', meanwhile=again)
+    answering.clear()
     seen.count('7')
-    seen.until_said('LAP refused: no race has been started')
+    seen.until_said('LAP: no answer for', 'Check the results before', meanwhile=event.publish)
+    seen.until(lambda: 'The timekeeper has been silent for 4 s' in seen.text('warning'))
+    assert not seen.find('PENALISE').isEnabled()
+    seen.count('7')
+    seen.until_said('LAP was not sent: the timekeeper has been silent for')
+    answering.set()
+    seen.until_said('LAP refused: it was refused')
+    seen.until(lambda: seen.find('PENALISE').isEnabled(), event.publish)
+    assert seen.text('warning') == ''
 
 
 def test_what_is_not_heard_is_told_of_the_timekeeper_race_control_and_a_timing_line(
@@ -379,7 +395,7 @@ def test_a_lap_is_counted_by_its_kart_and_enter_and_struck_with_a_reason_and_res
 
     said = racing.text('said')
     racing.correct('Strike', '7')
-    racing.type_('reason', 'seen twice')
+    racing.fill(reason='seen twice')
     racing.press('Cancel')
     racing.until(lambda: not racing.widget.findChildren(QtWidgets.QDialog))
     assert racing.text('said') == said
@@ -388,8 +404,7 @@ def test_a_lap_is_counted_by_its_kart_and_enter_and_struck_with_a_reason_and_res
     assert 'Kart 7 at 0:' in racing.text('text')
     yes = racing.find('dialog').findChildren(QtWidgets.QPushButton)[0]
     assert not yes.isEnabled()
-    racing.type_('reason', 'seen twice')
-    racing.press('Strike passing')
+    racing.confirm('Strike passing', 'is struck out', reason='seen twice')
     racing.until(lambda: racing.crossing('7') == 'by hand, struck: seen twice (Tina) [Restore]')
     racing.correct('Restore', '7')
     racing.until(lambda: racing.crossing('7') == 'by hand, starts lap 1 [Strike]')
@@ -407,9 +422,7 @@ def test_a_transponder_is_given_to_its_kart_and_the_earlier_run_counts_once_it_i
     assert racing.crossing('?') == 'transponder t9 [Whose?]'
     racing.until(lambda: 'no kart has the transponder t9' in racing.text('warning'))
     racing.correct('Whose?', kart='?')
-    racing.choose('kart', '3  Georgia Tech')
-    racing.press('Give transponder')
-    racing.until_said('transponder t9 belongs to kart 3')
+    racing.confirm('Give transponder', 't9 belongs to kart 3', kart='3  Georgia Tech')
     racing.until(lambda: racing.crossing('3') == 'lap 1, 0:10.000 [Strike]')
     assert racing.status('3') == 'lap 2'
 
@@ -422,8 +435,7 @@ def test_a_transponder_is_given_to_its_kart_and_the_earlier_run_counts_once_it_i
     assert racing.counting() == [True, False]
     racing.press('Which run counts…')
     racing.find('race').setCurrentIndex(1)
-    racing.press('Count this race')
-    racing.until_said('race 1 now counts as Heat 1')
+    racing.confirm('Count this race', 'race 1 now counts as Heat 1')
     racing.until(lambda: racing.counting() == [False, True])
 
 
@@ -432,30 +444,19 @@ def test_a_penalty_needs_a_kart_a_cost_and_a_reason_and_a_row_that_was_clicked_i
 ) -> None:
     racing.press('Penalty…')
     yes = racing.find('dialog').findChildren(QtWidgets.QPushButton)[0]
-    racing.type_('reason', 'short cut')
-    racing.choose('kart', '7  Purdue')
+    racing.fill(reason='short cut', kart='7  Purdue')
     assert not yes.isEnabled()
-    racing.find('seconds').setValue(5)
-    assert yes.isEnabled()
-    racing.press('Penalise')
-    racing.until_said('PENALISE: kart 7: +5 s: short cut')
+    racing.confirm('Penalise', 'PENALISE: kart 7: +5 s: short cut', seconds=5)
     racing.until(lambda: racing.status('7') == 'lap 1; +5 s: short cut')
-    racing.press('Undo penalty…')
-    racing.choose('kart', '7  Purdue')
-    racing.press('Undo penalty')
-    racing.until_said('the last penalty of kart 7 is undone')
-    racing.until(lambda: racing.status('7') == 'lap 1')
-    racing.press('Undo penalty…')
-    racing.choose('kart', '7  Purdue')
-    racing.press('Undo penalty')
-    racing.until_said('UNDO PENALTY refused: kart 7 has no penalty')
+    for said in ('the last penalty of kart 7 is undone', 'UNDO PENALTY refused: kart 7 has no'):
+        racing.press('Undo penalty…')
+        racing.confirm('Undo penalty', said, kart='7  Purdue')
+        racing.until(lambda: racing.status('7') == 'lap 1')
     assert racing.find('said').property('bad')
 
     racing.mouse('Click', 0, [each[1] for each in racing.rows(0)].index('7'), 2)
     racing.press('Penalty…')
-    racing.find('disqualified').setChecked(True)
-    racing.type_('reason', 'not fit to race')
-    racing.press('Penalise')
+    racing.confirm('Penalise', 'disqualified', disqualified=True, reason='not fit to race')
     racing.until(lambda: racing.status('7') == 'disqualified: not fit to race')
     # The next number that is typed is that of a lap.
     assert racing.widget.focusWidget() is racing.find('lap')
@@ -463,8 +464,7 @@ def test_a_penalty_needs_a_kart_a_cost_and_a_reason_and_a_row_that_was_clicked_i
 
 def test_results_are_published_once_the_race_is_over(racing: Window, paper: Paper) -> None:
     racing.press('Publish results…')
-    racing.press('Publish results')
-    racing.until_said('PUBLISH RESULTS refused: the race is still under way')
+    racing.confirm('Publish results', 'PUBLISH RESULTS refused: the race is still under way')
     paper.tell(What.OVER)
     racing.until(lambda: racing.status('7') == 'no lap')
     racing.press('Publish results…')
@@ -525,33 +525,15 @@ def test_a_row_that_was_clicked_stays_that_of_its_kart_when_the_order_changes(
 
 
 def test_the_process_takes_a_name_that_ros_takes_for_a_number_and_ends_in_order(
-    domain: int,
+    event: Event, domain: int
 ) -> None:
-    arguments = ['--ros-args', '-p', 'official:=7']
-    program = Program(
-        'timekeeper_window',
-        [sys.executable, '-c', OPENED, *arguments],
-        domain,
-        {'QT_QPA_PLATFORM': 'offscreen'},
-    )
-    with program:
-        program.wait_for_line("opened in the name of '7'")
+    event.spin()
+    words = '-m', 'evgp_timing.window', '--ros-args', '-p', 'official:=7'
+    environment = {'QT_QPA_PLATFORM': 'offscreen'}
+    with Program('window', [sys.executable, *words], domain, environment) as program:
+        event.wait_until_polled(lambda: event.node.count_subscribers('/rcs/race'), 'the window')
         program.signal(signal.SIGTERM)
         assert program.wait() == 0
-
-
-OPENED = """
-import sys
-from evgp_timing import window, window_widgets
-from evgp_timing.window_widgets import QtCore
-made = window_widgets.TimekeeperWindow
-def make(give, take, official):
-    QtCore.QTimer.singleShot(0, lambda: print(f'opened in the name of {official!r}'))
-    return made(give, take, official)
-window_widgets.TimekeeperWindow = make
-sys.exit(window.main())
-"""
-"""Says when the loop of the window runs."""
 
 
 SCREENS = ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM')
