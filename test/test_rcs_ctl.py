@@ -30,12 +30,12 @@ from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import ctl_ros
 from evgp_rcs_console.client import Client, request_message
 from evgp_rcs_console.command_line import (
+    ARGUMENTS,
     COMMANDS,
     NO_STOP_SENT,
     NOTHING_SENT,
     parse,
     STARTING,
-    TAKEN,
     Told,
 )
 from evgp_rcs_console.commands import Given, Standing
@@ -161,9 +161,14 @@ def client_of(domain: int, listener: Hearing, there: str = '') -> Iterator[Clien
 
 def test_every_command_of_an_official_is_there_once_and_fits_its_service() -> None:
     assert {*COMMANDS.values()} == {*CommandKind, *CORRECTIONS}
-    for command in COMMANDS.values():
-        takes = CORRECTIONS[command].takes if isinstance(command, Act) else ()
-        request_message(Given(command, 1, True, {name: TAKEN[name][0](1) for name in takes}))
+    for word, command in COMMANDS.items():
+        taken = {}
+        if isinstance(command, Act):
+            entry = CORRECTIONS[command]
+            named = [*filter(ARGUMENTS.get, entry.takes)]
+            wanted = parse([word, *['1'] * (entry.to_one_kart + len(named))])
+            taken = {name: getattr(wanted, name) for name in entry.takes}
+        request_message(Given(command, 1, True, taken))
 
 
 def test_every_statement_that_a_request_takes_has_a_flag() -> None:
