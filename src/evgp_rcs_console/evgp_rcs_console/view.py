@@ -21,7 +21,6 @@ from evgp_protocol.clock import duration
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.link_quality import LinkQuality
 from evgp_rcs.rules.race import AlertKind, Availability, Event, EventKind, Heat
 from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
 from evgp_rcs.words import (
@@ -827,6 +826,7 @@ def _row(screen: Screen, kart: KartSnapshot, place: int) -> Row:
     missing = Tone.WAIT if kart.in_race else Tone.FAINT  # in the garage it may still connect
     if kart.may_be_moving or (kart.in_race and race.state is not RaceState.IN_GARAGE):
         missing = Tone.BAD
+    link, bars, link_time = _link(kart, missing)
     key = FINISH_KEYS[place] if place < len(FINISH_KEYS) else ''
     letter = screen.letter_button(kart, key)
     asks = kart.sent is not RaceState.IN_GARAGE
@@ -841,9 +841,9 @@ def _row(screen: Screen, kart: KartSnapshot, place: int) -> Row:
         team=kart.team,
         in_race=kart.in_race,
         use_msr=use_msr,
-        link=_link(kart, missing),
-        bars=BARS[kart.link.grade] * kart.connected,
-        link_time=_link_time(kart.link) * kart.connected,
+        link=link,
+        bars=bars,
+        link_time=link_time,
         # A kart without a link is sent nothing; the cell shows what it would be sent.
         sent=sent if kart.connected else sent._replace(tone=Tone.FAINT),
         since=clock(now - kart.sent_since),
@@ -861,19 +861,15 @@ def _row(screen: Screen, kart: KartSnapshot, place: int) -> Row:
     )
 
 
-def _link(kart: KartSnapshot, missing: Tone) -> Cell:
+def _link(kart: KartSnapshot, missing: Tone) -> tuple[Cell, int, str]:
+    """Return a link's quality in a word and in bars, and its round trip or, if not good, delay."""
+    grade, link = kart.link.grade, kart.link
     if not kart.connected:
-        return Cell(texts.NOT_LINKED, missing)
-    poor = kart.link.grade is Grade.POOR and kart.in_race
-    return Cell(LINKS[kart.link.grade], Tone.WAIT if poor else Tone.PLAIN)
-
-
-def _link_time(link: LinkQuality) -> str:
-    """Return the link's round-trip time or, unless the link is good, its longest delay."""
-    if link.grade is Grade.UNKNOWN:
-        return ''
-    late = max(link.worst_answer or 0.0, link.behind)
-    return milliseconds(link.round_trip if link.grade is Grade.GOOD else late)
+        return Cell(texts.NOT_LINKED, missing), 0, ''
+    late = None if grade is Grade.UNKNOWN else max(link.worst_answer or 0.0, link.behind)
+    poor = Tone.WAIT if grade is Grade.POOR and kart.in_race else Tone.PLAIN
+    time = milliseconds(link.round_trip if grade is Grade.GOOD else late)
+    return Cell(LINKS[grade], poor), BARS[grade], time
 
 
 def _answer(kart: KartSnapshot, now: float, missing: Tone) -> Cell:
