@@ -55,7 +55,6 @@ class Client:
     """
 
     def __init__(self, **node_options: Any) -> None:
-        """Create the node and start to listen."""
         self._inbox: queue.SimpleQueue[Callable[[Any], object]] = queue.SimpleQueue()
         self.node = Node('timekeeper_window', **node_options)
         fence_graph()
@@ -107,7 +106,6 @@ class Client:
         service.call_async(request).add_done_callback(tell)
 
     def close(self) -> None:
-        """End the thread and destroy the node."""
         self._spinning.stop()
         self.node.destroy_node()
 

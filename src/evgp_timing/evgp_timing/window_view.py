@@ -67,7 +67,6 @@ class Crossing(NamedTuple):
 
     @property
     def button(self) -> str:
-        """Return the label of the button."""
         return _BUTTONS[self.act]
 
     def __str__(self) -> str:

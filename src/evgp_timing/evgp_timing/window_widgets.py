@@ -97,7 +97,6 @@ class TimekeeperWindow:
     def __init__(
         self, give: Give, take: Callable[[TimekeeperWindow], None], official: str
     ) -> None:
-        """Create the window, but do not show it yet."""
         self._give, self._take = give, take
         self._results = Standings()
         self._heard = self._race_heard = clock.now()
@@ -143,7 +142,6 @@ class TimekeeperWindow:
     # ----- the news -----------------------------------------------------------------------
 
     def on_results(self, results: Standings) -> None:
-        """Show the current results and crossings."""
         self._results, self._heard = results, clock.now()
         self._show_results()
         self._show_crossings([*view.crossings(results)])
@@ -411,16 +409,13 @@ class _Look(QtWidgets.QStyledItemDelegate):
         self._button.setAttribute(QtCore.Qt.WidgetAttribute.WA_NoSystemBackground)
 
     def displayText(self, *_: Any) -> str:  # noqa: N802 - Qt's name
-        """Return no text for the cell itself, because the button has it."""
-        return ''
+        return ''  # the button has it
 
     def sizeHint(self, _: Any, index: Any) -> Any:  # noqa: N802 - Qt's name
-        """Return the size of the button with its margins."""
         self._button.setText(index.data())
         return self._button.sizeHint() + QtCore.QSize(2 * _BESIDE, 2 * _ABOVE)
 
     def paint(self, painter: Any, option: Any, index: Any) -> None:
-        """Paint the cell, and the button at its left."""
         super().paint(painter, option, index)
         self._button.setText(index.data())
         self._button.adjustSize()
