@@ -373,6 +373,7 @@ class KartList(Panel):
         margins = f'QPushButton {{ margin: {beside}px {look.px(3)}px; }}'
         if margins != table.styleSheet():  # Qt would style every button again
             table.setStyleSheet(margins)
+        table.doItemsLayout()  # else Qt leaves the buttons where the rows were before
 
 
 def chooses(widget: QtWidgets.QWidget | None) -> bool:

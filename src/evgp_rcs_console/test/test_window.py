@@ -929,6 +929,23 @@ def test_the_banner_of_race_control_is_at_the_top(console: Console) -> None:
     assert 'REHEARSAL' in console.window.windowTitle()
 
 
+def test_the_stops_of_a_kart_stay_in_its_row_when_the_rows_get_another_height(
+    console: Console,
+) -> None:
+    def in_their_rows() -> bool:
+        console.settle(0.05)
+        return all(
+            abs(console.row(number).center().y() - console.place(f'kart_red_red_{number}').y()) < 2
+            for number in range(1, 17)
+        )
+
+    for banner in ('', 'REHEARSAL', ''):
+        console.tell(race_of(16, banner=banner))
+        assert in_their_rows()
+    console.window.resize(1366, 900)
+    assert in_their_rows()
+
+
 def test_a_window_that_was_held_up_shows_no_snapshot_but_the_newest_and_every_alert(
     console: Console,
 ) -> None:
