@@ -320,12 +320,9 @@ class Client:
             else:
                 # By the rules, race control refuses a stop only for a kart that is not in its
                 # roster. After any other failure, the stop is not in force and is sent again.
-                unknown = (
-                    self._karts is not None
-                    and CATALOGUE[given.command].to_one_kart
-                    and given.kart not in self._karts
-                )
-                ended = self._standing.refused(given, answer.message, final=unknown)
+                known = self._karts is None or given.kart in self._karts
+                final = CATALOGUE[given.command].to_one_kart and not known
+                ended = self._standing.refused(given, answer.message, final)
             if ended:
                 self._listener.on_pressing(self._standing.pressed)
             follows = given.followed_by() if answer.success else None

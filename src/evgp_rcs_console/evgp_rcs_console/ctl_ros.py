@@ -197,10 +197,9 @@ class Terminal:
     def _next_step(self, given: Given, race: Snapshot) -> list[str]:
         """Return what to type after a refusal, if only karts or a statement were missing."""
         form = CATALOGUE[given.command]
-        kart = race.kart(given.kart) if form.to_one_kart else None
-        if not isinstance(given.command, CommandKind) or (form.to_one_kart and kart is None):
+        if not isinstance(given.command, CommandKind):
             return []
-        offered = (kart or race).offered(given.command)
+        offered = (race.kart(given.kart) or race).offered(given.command)
         if not offered.available:
             return []
         karts = offered.karts if 'karts' in form.takes else ()
