@@ -119,20 +119,16 @@ class Asked:
         command, race, kart = self.command, self.race, self.kart
         sends = CATALOGUE[command].sends
         if sends is None:
-            concerned: set[int] = set()
+            sent = []
         elif kart is not None:
-            concerned = {kart.number}
+            sent = [kart]
         elif command is CommandKind.RECORD_MSR:
-            concerned = {each.number for each in race.karts}
+            sent = [*race.karts]
         else:
             # A repeated GRID_ACTIVE is not sent again to the karts that already have it.
-            concerned = {
-                each.number
-                for each in race.karts
-                if each.number in self.offered.karts and each.sent is not sends
-            }
-        sent = [each for each in race.karts if each.number in concerned]
-        others = [each for each in race.karts if each.number not in concerned]
+            offered = [each for each in race.karts if each.number in self.offered.karts]
+            sent = [each for each in offered if each.sent is not sends]
+        others = [each for each in race.karts if each not in sent]
         return Effects(
             now=tuple(each for each in sent if each.connected),
             later=tuple(each for each in sent if not each.connected),
