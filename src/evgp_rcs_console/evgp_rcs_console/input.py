@@ -270,10 +270,8 @@ class Mouse:
             return False
         if event.button() != QtCore.Qt.MouseButton.LeftButton:
             return True  # a right click could open a menu, which would take clicks from stops
-        double = kind == QtCore.QEvent.Type.MouseButtonDblClick
-        released = kind == QtCore.QEvent.Type.MouseButtonRelease
         held, self._held = self._held, None
-        if released:
+        if kind == QtCore.QEvent.Type.MouseButtonRelease:
             if (
                 held is not None
                 and age >= STALE
@@ -301,7 +299,7 @@ class Mouse:
         question = self._window.question
         if target in (question.yes, question.also) and not question.settled:
             return True
-        if double:
+        if kind == QtCore.QEvent.Type.MouseButtonDblClick:
             # A button may have appeared since the first press of a double click; the second press
             # is not meant for that button.
             return button is not None
