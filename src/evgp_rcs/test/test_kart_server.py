@@ -28,7 +28,7 @@ from evgp_rcs.karts.channel import Alive, Answered, Happened, Request, ServerSet
 from evgp_rcs.karts.link import KartLink
 from evgp_rcs.karts.server import KartServer, ROS_HALF_SILENCE, STALL
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.inputs import Batch, Commanded, Ordered, Stalled
+from evgp_rcs.rules.inputs import Batch, Commanded, Ordered, Recovered, Stalled
 from evgp_rcs.rules.race import (
     AlertKind,
     Answer,
@@ -37,6 +37,7 @@ from evgp_rcs.rules.race import (
     Event,
     EventKind,
     Kart,
+    LastRun,
     Race,
     RaceMemory,
     RaceTimes,
@@ -165,7 +166,8 @@ class Running:
         self._loop = asyncio.get_running_loop()
         outside: Any = self
         self.server = KartServer(self.race, self._settings, outside, outside)
-        await self.server.serve(self._listening.set_result)
+        left_behind = Recovered(clock.now(), None, LastRun.ENDED)
+        await self.server.serve(left_behind, self._listening.set_result)
 
     # ----- the ROS half; in the server's thread -------------------------------------------
 

@@ -61,17 +61,12 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
     record.attach(loop)
     record.put(Batch(0, [Rules(rules_version(), setup)]))
     race = setup.race()
-    server = KartServer(
-        race,
-        begin.settings,
-        ros_half,
-        record,
-        Recovered(
-            loop.time(),
-            record.opened.left_behind,
-            LastRun.UNKNOWN if begin.cannot_know else record.opened.last_run,
-            begin.cannot_know or record.opened.why,
-        ),
+    server = KartServer(race, begin.settings, ros_half, record)
+    left_behind = Recovered(
+        loop.time(),
+        record.opened.left_behind,
+        LastRun.UNKNOWN if begin.cannot_know else record.opened.last_run,
+        begin.cannot_know or record.opened.why,
     )
     priority.come_first()
     ros_half.attach(loop, server.take_commands)
@@ -88,7 +83,7 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
         record.remember(race.memory())
         ros_half.send(pack(Listening(address)))
 
-    return await server.serve(listening)
+    return await server.serve(left_behind, listening)
 
 
 def main(arguments: list[str] | None = None) -> int:

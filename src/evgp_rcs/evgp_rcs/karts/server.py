@@ -154,7 +154,6 @@ class KartServer:
     :param settings: how to listen and send.
     :param ros_half: this process's end of the socket pair to the ROS half.
     :param record: the record's process.
-    :param left_behind: what is known about the last run. Tests pass ``None`` for a new race.
     """
 
     def __init__(
@@ -163,7 +162,6 @@ class KartServer:
         settings: ServerSettings,
         ros_half: LocalEnd,
         record: RecordProcess,
-        left_behind: inputs.Recovered | None = None,
     ) -> None:
         """Prepare the server. The port stays closed until ``serve`` is called."""
         self._race = race
@@ -173,8 +171,6 @@ class KartServer:
         self._record = record
         record.on_saved = self._note_saved
         self._log = inputs.Log()
-        self._left_behind = left_behind
-        self._first_events = () if left_behind is None else self._feed(left_behind).events
         self._links: dict[int, KartLink] = {}
         self._stops: deque[Request] = deque()
         self._commands: deque[Request] = deque()
@@ -197,10 +193,13 @@ class KartServer:
 
     # ----- for its owner, in the thread of its loop ---------------------------------------
 
-    async def serve(self, listening: Callable[[tuple[str, int]], None]) -> LastRun:
+    async def serve(
+        self, left_behind: inputs.Recovered, listening: Callable[[tuple[str, int]], None]
+    ) -> LastRun:
         """
         Serve karts until ``end`` is called, and then send every kart RED_RED as its last frame.
 
+        :param left_behind: what is known about the last run.
         :param listening: called with the address and port once karts can connect.
         :returns: how this run ended, for the next run.
         :raises KartServerError: if the server cannot listen at its address.
@@ -209,6 +208,7 @@ class KartServer:
         """
         loop = self._loop
         loop.set_exception_handler(self._fail)
+        recovered = self._feed(left_behind)
         try:
             server = await loop.create_server(
                 lambda: KartLink(self, self._settings.beat_rate, self._settings.send_timeout),
@@ -232,8 +232,7 @@ class KartServer:
             raise KartServerError(
                 f'race control cannot listen for karts at {host}, port {port}: {why}'
             ) from error
-        if self._left_behind is not None:
-            self._publish_outcome(self._first_events, self._left_behind.at)
+        self._publish_outcome(recovered.events, left_behind.at)
         self._beat_at = loop.time()
         self._ros_half_heard_at = loop.time() + FIRST_SIGN
         loop.call_soon(self._beat, loop.time())
