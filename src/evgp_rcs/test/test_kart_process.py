@@ -136,18 +136,21 @@ def connect(half: Half, begin: Begin) -> Iterator[Callable[[int], socket.socket]
 Connect = Callable[[int], socket.socket]
 
 
+@pytest.mark.parametrize('spoke', [True, False], ids=['silent', 'never spoke'])
 def test_a_silence_of_the_ros_half_means_red_red_to_every_kart_and_wakes_it(
-    half: Half, connect: Connect
+    half: Half, connect: Connect, spoke: bool
 ) -> None:
     client = connect(2)
     read_until(client, IN_GARAGE)
     woken = threading.Event()
     before = signal.signal(signal.SIGCONT, lambda *_: woken.set())
     try:
-        half.say(Alive(False))
+        if spoke:
+            half.say(Alive(False))
         assert read_to_end(client).endswith(encode(RED_RED))
         assert f'silent for {ROS_HALF_SILENCE:.0f}' in half.wait_for(Failed).text
         assert woken.wait(TIMEOUT)
+        assert half.process.wait(TIMEOUT) == 1
     finally:
         signal.signal(signal.SIGCONT, before)
 
@@ -254,37 +257,24 @@ def test_an_address_that_this_machine_does_not_have_is_refused(half: Half, begin
     assert half.process.wait(TIMEOUT) == 2
 
 
-def test_a_hold_of_the_last_moment_is_found_by_the_next_run(
+def test_a_hold_of_the_last_moment_is_found_by_the_next_run_and_nothing_is_released_at_the_end(
     half: Half, connect: Connect, begin: Begin
 ) -> None:
-    connect(1)
+    client = connect(2)
+    read_until(client, IN_GARAGE)
     held = Request(1, Command(CommandKind.KART_RED_RED, 2), clock.now())
-    half.end.sendall(pack(held) + pack(End(True)))
+    release = Command(CommandKind.KART_IN_GARAGE, 2, True, frozenset({2}), RED_RED)
+    released = Request(2, release, clock.now() + 60.0)
+    half.end.sendall(pack(held) + pack(End(True)) + pack(released))
+    read_until(client, RED_RED)
+    assert encode(IN_GARAGE) not in read_to_end(client)
     assert half.process.wait(TIMEOUT) == 0
+    assert mark_of(begin) == RUN_BEGAN  # whatever becomes of the record
     with contextlib.closing(Half()) as again:
         again.say(begin)
         again.wait_for(Listening)
         race = again.wait_for(Snapshot)
     assert (race.state, race.karts[1].hold) == (RED_RED, RED_RED)
-
-
-def test_nothing_is_released_once_the_end_has_begun(half: Half, connect: Connect) -> None:
-    client = connect(2)
-    read_until(client, IN_GARAGE)
-    half.say(Request(1, Command(CommandKind.KART_RED_RED, 2), 0.0))
-    read_until(client, RED_RED)
-    release = Command(CommandKind.KART_IN_GARAGE, 2, True, frozenset({2}), RED_RED)
-    half.end.sendall(pack(End(True)) + pack(Request(2, release, clock.now() + 60.0)))
-    assert encode(IN_GARAGE) not in read_to_end(client)
-
-
-def test_a_ros_half_that_never_gave_a_sign_of_life_is_not_waited_for_for_ever(
-    half: Half, connect: Connect
-) -> None:
-    client = connect(1)
-    read_until(client, IN_GARAGE)
-    assert read_to_end(client).endswith(encode(RED_RED))
-    assert half.process.wait(TIMEOUT) == 1
 
 
 # ----- the client of it, in the ROS half ---------------------------------------------------
