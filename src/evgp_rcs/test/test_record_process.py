@@ -10,6 +10,7 @@ import contextlib
 import itertools
 import os
 import pathlib
+import select
 import signal
 import threading
 import time
@@ -17,11 +18,12 @@ import time
 from evgp_node.stream import Gap
 from evgp_protocol.states import RaceState
 from evgp_rcs.karts import record_process
+from evgp_rcs.karts.channel import Written
 from evgp_rcs.karts.record_process import RecordProcess
-from evgp_rcs.record import run_mark
+from evgp_rcs.record import run_mark, store
 from evgp_rcs.record.run_mark import RUN_BEGAN
 from evgp_rcs.record.runs import open_runs
-from evgp_rcs.record.store import Record, RecordError
+from evgp_rcs.record.store import left_behind, Record, RecordError
 from evgp_rcs.rules.inputs import Batch, Tick
 from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 from evgp_testing.process import freeze, wait_until_ended
@@ -66,20 +68,6 @@ def wait_for(record: RecordProcess, found: Callable[[], object]) -> None:
 
 def numbers_in(path: pathlib.Path) -> list[int]:
     return [event.sequence for event in events_of(path, 1)]
-
-
-def test_a_grid_is_told_to_be_on_the_disk_once_it_is(
-    record: RecordProcess, path: pathlib.Path
-) -> None:
-    told: list[int] = []
-    record.on_saved = told.append
-    record.remember(GRID)
-    wait_for(record, lambda: told)
-    assert told == [7]
-    record.end(PATIENCE, LastRun.UNKNOWN)
-    again = Record(path)
-    again.end()
-    assert again.left_behind == GRID
 
 
 def test_what_has_reached_it_is_written_although_the_kart_server_is_killed(
@@ -169,17 +157,6 @@ def test_what_is_to_be_remembered_while_the_process_hangs_needs_bounded_memory(
     os.kill(record.pid, signal.SIGCONT)
 
 
-def test_a_disk_that_keeps_up_is_no_trouble_although_it_is_looked_at_only_when_something_comes(
-    record: RecordProcess, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(record_process, 'SLOW', 0.5)
-    for number in (1, 2, 3):
-        put(record, number)
-        assert record.trouble() == ''
-        wait_for(record, lambda: not record._unwritten)
-        time.sleep(0.3)  # what is tested is that time goes by
-
-
 def test_a_disk_that_writes_each_event_in_time_is_no_trouble_although_there_is_always_one_waiting(
     path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -201,9 +178,10 @@ def test_a_disk_that_writes_each_event_in_time_is_no_trouble_although_there_is_a
     record.end(PATIENCE, LastRun.UNKNOWN)
 
 
-def test_a_disk_that_takes_nothing_is_trouble_and_no_grid_is_told_to_be_there(
-    path: pathlib.Path,
+def test_while_a_disk_takes_nothing_that_is_trouble_and_a_grid_is_told_to_be_there_once_it_is(
+    path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(store, 'RETRY', 0.1)
     path.mkdir()  # nobody can write it, and root neither
     record = started(path)
     assert record.trouble().startswith(f'The record {path} fails: {path} is not a file')
@@ -211,11 +189,16 @@ def test_a_disk_that_takes_nothing_is_trouble_and_no_grid_is_told_to_be_there(
     record.on_saved = told.append
     put(record, 1)
     record.remember(GRID)
-    wait_for(record, lambda: not record._end.unsent)
-    assert told == []
+    tries: list[Written] = []
+    while len(tries) < 3:  # the last of them knows of the grid
+        select.select([record._socket], [], [], PATIENCE)
+        tries += record._end.receive()
+    assert {each.gridded for each in tries} == {0}
     path.rmdir()
     wait_for(record, lambda: told)
+    assert told == [7]
     assert record.trouble() == ''
+    assert left_behind(path) == GRID
     record.end(PATIENCE, LastRun.UNKNOWN)
     assert numbers_in(path) == [1]
 
