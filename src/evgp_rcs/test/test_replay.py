@@ -6,21 +6,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-import contextlib
 import dataclasses
 import enum
 import functools
 import math
 import pathlib
 import random
-import sqlite3
 from typing import Any, cast, get_args, get_type_hints
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main
 from evgp_rcs.record.replay import OF_THE_SERVER, Replay
-from evgp_rcs.record.runs import DONE, FAILED, PARTLY, UNREADABLE
+from evgp_rcs.record.runs import DONE, PARTLY, UNREADABLE
 from evgp_rcs.record.store import rules_version
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules import race as rules
@@ -425,68 +423,6 @@ def test_wall_times_that_were_moved_are_told_and_are_no_difference(
     counts, told = capsys.readouterr().out.splitlines()
     assert counts.endswith('no difference')
     assert f'event {number},' in told
-
-
-# ----- 50 records that were harmed as a whole -----------------------------------------------
-
-
-def blocks_moved(path: pathlib.Path, chance: random.Random) -> None:
-    """Remove a block, or swap two, or have one twice; not the last one, which nobody misses."""
-    with contextlib.closing(sqlite3.connect(path)) as database, database:
-        numbers = [n for (n,) in database.execute('SELECT number FROM block ORDER BY number')]
-        one, other = chance.sample(numbers[:-1], 2)
-        what = chance.randrange(3)
-        if what == 0:
-            database.execute('DELETE FROM block WHERE number = ?', (one,))
-        elif what == 1:
-            query = 'UPDATE block SET number = ? WHERE number = ?'
-            for given in ((-1, one), (one, other), (other, -1)):
-                database.execute(query, given)
-        else:
-            query = 'INSERT INTO block SELECT run, ?, data FROM block WHERE number = ?'
-            database.execute(query, (numbers[-1] + 1, one))
-
-
-def bits_flipped(path: pathlib.Path, chance: random.Random) -> None:
-    data = bytearray(path.read_bytes())
-    for _ in range(chance.choice((1, 20, 1000))):
-        data[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
-    path.write_bytes(data)
-
-
-def truncated(path: pathlib.Path, chance: random.Random) -> None:
-    with path.open('r+b') as file:
-        file.truncate(chance.randrange(1, path.stat().st_size))
-
-
-def stream_of(path: pathlib.Path, capsys: Capture) -> str:
-    capsys.readouterr()
-    main(['show', str(path), '--stream'])
-    return str(capsys.readouterr().out)
-
-
-WHOLE = (blocks_moved, bits_flipped, truncated)
-
-
-@pytest.mark.parametrize('seed', range(50))
-def test_whatever_was_done_to_a_record_it_is_read_or_refused_and_a_change_is_found(
-    seed: int, path: pathlib.Path, capsys: Capture
-) -> None:
-    chance = random.Random(seed)
-    an_ended_run(seed, 200).write(path)
-    before = stream_of(path, capsys)
-    WHOLE[seed % len(WHOLE)](path, chance)
-    page = str(path.with_name('report.html'))
-    ways = [
-        ['replay'],
-        ['show'],
-        ['results'],
-        ['report', '-o', page],
-        ['show', '--list'],
-    ]
-    codes = [main([way, str(path), *more]) for way, *more in ways]
-    assert set(codes) <= {DONE, FAILED, UNREADABLE, PARTLY}
-    assert codes[0] != DONE or stream_of(path, capsys) == before
 
 
 def test_the_version_of_the_rules_is_16_hexadecimal_digits_and_always_the_same() -> None:

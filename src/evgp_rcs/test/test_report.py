@@ -35,15 +35,17 @@ from evgp_rcs.record.report.model import (
     GREEN_GREEN,
     NOT_CONNECTED,
     NOT_KNOWN,
+    Result,
     Stop,
     Why,
 )
+from evgp_rcs.record.report.results import defused
 from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.record.runs import DONE, open_runs, PARTLY
 from evgp_rcs.record.store import Record
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import EventKind, LastRun
+from evgp_rcs.rules.race import EventKind, Heat, LastRun
 import pytest
 from recorded_races import (
     change_event,
@@ -66,11 +68,6 @@ RED_FLAG, RED_RED = RaceState.RED_FLAG.name, RaceState.RED_RED.name
 @pytest.fixture
 def paper() -> PaperRace:
     return three_karts()
-
-
-def account_of(path: pathlib.Path) -> Account:
-    with open_runs(path) as runs:
-        return Account(runs.read(runs.choose(None)))
 
 
 def sent(account: Account, number: int) -> list[str]:
@@ -302,7 +299,8 @@ def test_where_the_rules_cannot_follow_the_events_are_listed_and_nothing_else_is
             lambda each: each.event.official == 'Eve' and each.event.kind is EventKind.COMMAND,
             official='Ada',
         )
-    account = account_of(path)
+    with open_runs(path) as runs:
+        account = Account(runs.read(runs.choose(None)))
     assert sent(account, 7)[-2:] == [RED_FLAG, NOT_KNOWN]
     assert account.race_bands[-1].what == NOT_KNOWN
     (race,) = account.races
@@ -320,6 +318,7 @@ def test_where_the_rules_cannot_follow_the_events_are_listed_and_nothing_else_is
 
 def test_a_race_that_was_taken_up_is_shown_as_begun_before(paper: PaperRace) -> None:
     paper.drive()
+    paper.command(CommandKind.KART_FINISH, 9)
     again = PaperRace(TEAMS)
     again.feed(inputs.Recovered(again.now, paper.race.memory(), LastRun.UNKNOWN))
     again.connect(*TEAMS)
@@ -332,6 +331,7 @@ def test_a_race_that_was_taken_up_is_shown_as_begun_before(paper: PaperRace) -> 
     assert not race.incomplete
     assert race.garage is not None
     assert all(each.holds for each in account.lanes.values())
+    assert account.results(race) == [Result(9, place=1)]  # nobody knows who else started
 
 
 def test_a_connection_that_ends_with_race_control_was_not_lost(paper: PaperRace) -> None:
@@ -388,9 +388,10 @@ HOSTILE = (
     '</script><script>document.title="broken"</script>',
     '"><img src="http://192.0.2.1/x" onerror="document.title=1">',
     '\u202egnp.exe\u202c',
-    '=cmd()',
     'x' * 10_000,
     '${title}\x00\x1b[2J',
+    *('=cmd()', '+1', '-1', '@SUM(A1)', '\t=1', '\r=1', ' =1', '\uff1d1', '"\n=1,2"', '\u202e=1'),
+    '=' + 'x' * 10_000,
 )
 
 
@@ -615,11 +616,15 @@ def test_a_report_of_a_run_without_events_can_be_made(tmp_path: pathlib.Path) ->
     assert '<html' in report(written)
 
 
-def test_what_others_have_written_is_nothing_but_text(tmp_path: pathlib.Path) -> None:
-    paper = PaperRace(dict(enumerate(HOSTILE, 1)))
-    paper.connect(*paper.race.karts)
+def test_what_others_have_written_is_nothing_but_text_and_no_spreadsheet_runs_it(
+    tmp_path: pathlib.Path,
+) -> None:
+    teams = dict(enumerate(HOSTILE, 1))
+    paper = PaperRace(teams, [Heat('=cmd()', tuple(teams))])
+    paper.command(CommandKind.SET_HEAT, heat='=cmd()')
+    paper.connect(*teams)
     paper.drive()
-    for number, name in enumerate(HOSTILE, 1):
+    for number, name in teams.items():
         paper.command(CommandKind.KART_RED_RED, number, official=name)
     paper.wait(1.0)
     penalties = tuple(Penalty(1, 1, 0, False, each, each) for each in HOSTILE)
@@ -630,11 +635,18 @@ def test_what_others_have_written_is_nothing_but_text(tmp_path: pathlib.Path) ->
         ),
         questions=HOSTILE,
     )
-    page = report(timed(paper.write(tmp_path / 'record.sqlite3'), hostile))
+    record = timed(paper.write(tmp_path / 'record.sqlite3'), hostile)
+    page = report(record)
     assert [row[3][:11] for row in table(page, 'passings')] == ['struck out:'] * len(HOSTILE)
     assert '<script' not in page
     assert '<img' not in page
     assert not re.search('[\u202a-\u202e\u2066-\u2069\x00\x1b]', page)
+    rows = rows_of(record)
+    found = {int(row['kart']): (row['heat'], row['team']) for row in rows}
+    assert found == {number: (defused('=cmd()'), defused(team)) for number, team in teams.items()}
+    for cell in (cell for row in rows for cell in row.values()):
+        assert cell.isprintable()
+        assert cell.lstrip()[:1] not in {*'=+-@\uff1d'}
 
 
 def test_a_page_lets_nothing_in_but_its_own_style(written: pathlib.Path) -> None:
