@@ -11,7 +11,6 @@ import csv
 import dataclasses
 import itertools
 import pathlib
-import random
 import re
 import secrets
 import sqlite3
@@ -139,17 +138,9 @@ class PaperRace:
             self.deliver(number, min(0.02, self.now - kart.ordered_at))
         self.feed(inputs.Heard(self.now, number, kart.serial, state or kart.sent))
 
-    def stutter(self, number: int, state: RaceState) -> None:
-        """Have a kart say another state, and then again the one that it is being sent."""
-        self.say(number, state)
-        self.say(number)
-
-    def acknowledge(self, within: float = 0.0, chance: random.Random | None = None) -> None:
+    def acknowledge(self) -> None:
         """Have every connected kart acknowledge what it is being sent."""
-        karts = [kart.number for kart in self.race.karts.values() if kart.connected]
-        for number in karts:
-            if chance is not None:
-                self.now += chance.random() * within / len(karts)
+        for number in [kart.number for kart in self.race.karts.values() if kart.connected]:
             self.say(number)
         self.feed(inputs.Tick(self.now))
 
@@ -305,46 +296,3 @@ def change_event(path: pathlib.Path, which: Callable[[StampedEvent], bool], **to
 
     edit(path, change)
     return changed[0]
-
-
-def long_event(seconds: float, karts: int, chance: random.Random, busy: float = 1.0) -> PaperRace:
-    """
-    Return races for so long, with lost links, stops, refusals and karts that withdraw.
-
-    :param busy: how much happens in a race besides the race, on average each second.
-    """
-    numbers = range(1, karts + 1)
-    paper = PaperRace({number: f'Team {number}' for number in numbers})
-    paper.now = 100.0
-    paper.connect(*numbers)
-    paper.wait(5.0)
-    while paper.now - 100.0 < seconds:
-        paper.command(CommandKind.GRID_ACTIVE, official='Ada')
-        paper.wait(3.0)
-        paper.command(CommandKind.GREEN_GREEN, official='Grace')
-        paper.acknowledge(5.0, chance)
-        paper.command(CommandKind.GREEN_GREEN, official='Grace')
-        paper.acknowledge(2.0, chance)
-        ends = min(paper.now + chance.uniform(60.0, 240.0), 100.0 + seconds)
-        happenings: list[Callable[[int], object]] = [
-            paper.lose,
-            lambda number: paper.command(CommandKind.KART_RED_RED, number, official='Grace'),
-            *[lambda number: paper.measure(number, chance.choice(list(GRADES)))] * 20,
-            *[lambda number: paper.stutter(number, chance.choice(list(RaceState)))] * 500,
-        ]
-        while paper.now < ends:
-            paper.wait(chance.expovariate(busy))
-            chance.choice(happenings)(chance.choice(numbers))
-        for number in chance.sample(numbers, karts):
-            paper.command(CommandKind.KART_FINISH, number, official='Ada')
-            paper.wait(chance.uniform(0.5, 3.0))
-        paper.command(chance.choice([CommandKind.RACE_OVER, CommandKind.ALL_KILL]), official='Ada')
-        paper.wait(2.0)
-        back = [kart.number for kart in paper.race.karts.values() if not kart.connected]
-        paper.connect(*back)
-        paper.go_home()
-        for number in numbers:
-            if paper.race.karts[number].hold is not None:
-                paper.command(CommandKind.KART_IN_GARAGE, number, official='Grace')
-        paper.wait(chance.uniform(5.0, 20.0))
-    return paper
