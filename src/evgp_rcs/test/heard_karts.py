@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import enum
 import heapq
 import itertools
@@ -109,39 +109,28 @@ class Given:
     counts_in: float = 0.0
 
 
-@dataclass
 class Story:
-    """What became of a kart's orders and words."""
-
-    orders: list[Given] = field(default_factory=list)
-    stale: list[tuple[int, int]] = field(default_factory=list)
-    """Each word that counted for an order that the kart had not read: for which, and which one the
-    kart had read last."""
-    behind: list[tuple[float, float]] = field(default_factory=list)
-    """When it was said to be behind, and how far (s)."""
-
-
-def story_of(
-    habit: Habit,
-    reader: Reader,
-    orders: Iterable[tuple[RaceState, float]],
-    beat_rate: float = 12.0,
-) -> Story:
     """
-    Return what becomes of these orders.
+    What becomes of a kart's orders and words.
 
     :param orders: each with how long it lasts, s.
+    :ivar stale: each word that counted for an order that the kart had not read: for which, and
+        which one the kart had read last.
+    :ivar behind: when it was said to be behind, and how far (s).
     """
-    return _Told(habit, reader, beat_rate).tell(list(orders))
 
-
-class _Told:
-    """Tells one story."""
-
-    def __init__(self, habit: Habit, reader: Reader, beat_rate: float) -> None:
+    def __init__(
+        self,
+        habit: Habit,
+        reader: Reader,
+        orders: Iterable[tuple[RaceState, float]],
+        beat_rate: float = 12.0,
+    ) -> None:
+        self.orders: list[Given] = []
+        self.stale: list[tuple[int, int]] = []
+        self.behind: list[tuple[float, float]] = []
         self.habit, self.reader, self.beat_rate = habit, reader, beat_rate
         self.hearing = Hearing(beat_rate)
-        self.story = Story()
         self.sent = 0  # bytes
         self.unread: deque[int] = deque()  # the serial of each frame
         self.change = 0  # the serial of the state that it read last, where that changed
@@ -151,11 +140,12 @@ class _Told:
         self.said_change = 0
         self.counter = itertools.count()
         self.to_come: list[tuple[float, int, str, RaceState, int]] = []
+        self.tell(orders)
 
     def at(self, when: float, what: str, state: RaceState = GARAGE, serial: int = 0) -> None:
         heapq.heappush(self.to_come, (when, next(self.counter), what, state, serial))
 
-    def tell(self, orders: list[tuple[RaceState, float]]) -> Story:
+    def tell(self, orders: Iterable[tuple[RaceState, float]]) -> None:
         ends = 0.0
         for state, lasts in orders:
             self.at(ends, 'order', state)
@@ -169,7 +159,7 @@ class _Told:
         while True:
             now, _, what, state, serial = heapq.heappop(self.to_come)
             if now > ends:
-                return self.story
+                return
             if what == 'order':
                 self.order(state, now)
             elif what == 'beat':
@@ -186,9 +176,9 @@ class _Told:
                 self.read(now)
 
     def order(self, state: RaceState, now: float) -> None:
-        self.story.orders.append(Given(now, state))
+        self.orders.append(Given(now, state))
         self.sent += len(encode(state))
-        serial = len(self.story.orders)
+        serial = len(self.orders)
         self.hearing.order(serial, state, self.sent, 0)
         self.unread.append(serial)
         self.hearing.look(self.sent, 0)
@@ -200,12 +190,12 @@ class _Told:
             assert self.last_heard is not None
             assert frame.state is self.last_heard[0]
             self.count(serial, self.last_heard[1], now)
-        if self.story.orders:
-            self.sent += len(encode(self.story.orders[-1].state))
-            self.unread.append(len(self.story.orders))
+        if self.orders:
+            self.sent += len(encode(self.orders[-1].state))
+            self.unread.append(len(self.orders))
             self.hearing.sent_again()
         if self.hearing.behind:
-            self.story.behind.append((now, self.hearing.behind))
+            self.behind.append((now, self.hearing.behind))
 
     def read(self, now: float) -> None:
         if any(begin <= now < begin + lasts for begin, lasts in self.reader.freezes):
@@ -213,10 +203,10 @@ class _Told:
         while self.unread:
             serial = self.unread.popleft()
             if not self.reader.one_frame:
-                self.unread.clear() if serial == len(self.story.orders) else None
+                self.unread.clear() if serial == len(self.orders) else None
                 if self.unread:
                     continue
-            order = self.story.orders[serial - 1]
+            order = self.orders[serial - 1]
             if serial != self.change:
                 self.change, self.change_at = serial, now
             self.speak(order.state, serial, now)
@@ -244,7 +234,7 @@ class _Told:
         ((heard, serial),) = self.hearing.decode(memoryview(data))
         assert isinstance(heard, StateFrame)
         self.last_heard = state, meant
-        present = self.story.orders[-1]
+        present = self.orders[-1]
         if state is present.state and present.said_at is None:
             present.said_at, present.counts_in = now, self.hearing.counts_in()
         if serial:
@@ -252,7 +242,7 @@ class _Told:
 
     def count(self, serial: int, meant: int, now: float) -> None:
         if serial > meant:
-            self.story.stale.append((serial, meant))
-        order = self.story.orders[serial - 1]
-        if serial == len(self.story.orders) and order.counted_at is None:
+            self.stale.append((serial, meant))
+        order = self.orders[serial - 1]
+        if serial == len(self.orders) and order.counted_at is None:
             order.counted_at = now

@@ -58,13 +58,6 @@ def test_a_link_that_gets_worse_is_measured_at_once_and_every_other_each_second(
         assert age < POOR or known is Grade.POOR
 
 
-def test_the_first_second_of_a_link_is_not_called_good() -> None:
-    meter = LinkMeter(0.0)
-    meter.answered(0.01, 0.05)
-    assert not meter.is_due(0.0, 0.9)
-    assert meter.is_due(0.0, MEASURE_EVERY)
-
-
 @pytest.mark.parametrize(
     ('windows', 'grades'),
     [
