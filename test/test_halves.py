@@ -164,31 +164,11 @@ def test_a_kart_server_that_hangs_is_ended_and_officials_are_told_to_use_the_msr
     wait_until_ended(scene.control.kart_server_pid)
 
 
-def test_a_race_goes_on_without_the_process_of_its_record_and_no_other_starts(
+def test_no_race_starts_while_a_disk_hangs_and_one_goes_on_without_the_process_of_its_record(
     scene: WireRace,
 ) -> None:
-    scene.bring_to(GREEN_GREEN)
-    os.kill(scene.control.record_pid, signal.SIGKILL)
-    assert not scene.official.call('green_green').success
-    wait_for_alert(scene.official, msg.Alert.RECORD_FAILING)
-    racing = scene.karts[: len(RACING)]
-    for kart in racing:
-        kart.wait_for_frames(3)
-        assert kart.state is GREEN_GREEN
-    scene.bring_to(RED_RED)
-    scene.bring_to(IN_GARAGE)
-    answer = scene.official.call('grid_active', track_clear=True)
-    assert not answer.success
-    assert 'record' in answer.message
-    for kart in racing:
-        kart.wait_for_state(IN_GARAGE)
-
-
-def test_a_disk_that_hangs_is_one_alert_and_no_start_is_offered_until_it_goes_on(
-    lasting: WireRace,
-) -> None:
-    lasting.bring_to(GRID_ACTIVE)
-    official = lasting.official
+    scene.bring_to(GRID_ACTIVE)
+    official = scene.official
     official.wait_for_available('green_green')
     offers: list[bool] = []  # whether GREEN_GREEN is offered
 
@@ -196,13 +176,13 @@ def test_a_disk_that_hangs_is_one_alert_and_no_start_is_offered_until_it_goes_on
         green = msg.CommandAvailability.GREEN_GREEN
         offers.append(next(each.available for each in race.commands if each.command == green))
 
-    freeze(lasting.control.record_pid)
+    freeze(scene.control.record_pid)
     wait_for_alert(official, msg.Alert.RECORD_FAILING)  # although nothing happens meanwhile
     official.node.create_subscription(msg.Race, '/rcs/race', hear, 100)
     assert not official.call('green_green').success
     official.wait_until_polled(lambda: len(offers) > 3, 'the race is shown again')
     assert not any(offers)
-    os.kill(lasting.control.record_pid, signal.SIGCONT)
+    os.kill(scene.control.record_pid, signal.SIGCONT)
     official.wait_for_available('green_green')
     failing, cleared = msg.Alert.RECORD_FAILING, msg.RaceEvent.ALERT_CLEARED
     official.wait_for_event(
@@ -215,6 +195,17 @@ def test_a_disk_that_hangs_is_one_alert_and_no_start_is_offered_until_it_goes_on
     ]
     assert alerts == [msg.RaceEvent.ALERT_RAISED, cleared]
     official.command('green_green')
+
+    os.kill(scene.control.record_pid, signal.SIGKILL)
+    wait_for_alert(official, msg.Alert.RECORD_FAILING)
+    for kart in scene.karts[: len(RACING)]:
+        kart.wait_for_frames(3)
+        assert kart.state is GREEN_GREEN
+    scene.bring_to(RED_RED)
+    scene.bring_to(IN_GARAGE)
+    answer = official.call('grid_active', track_clear=True)
+    assert not answer.success
+    assert 'record' in answer.message
 
 
 def mapped(pid: int) -> str:
