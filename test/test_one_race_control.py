@@ -40,13 +40,7 @@ RUNS = int(os.environ.get('EVGP_CUT_RUNS', '4'))
 NOTICED_WITHIN = 2.0
 """Maximum time from the cable's return to the end of one of two race controls, in seconds."""
 
-RACE_STATES = (
-    RaceState.IN_GARAGE,
-    RaceState.GRID_ACTIVE,
-    RaceState.GREEN_GREEN,
-    RaceState.RED_FLAG,
-    RaceState.RED_RED,
-)
+RACE_STATES = [*RaceState]
 
 
 @pytest.fixture
