@@ -175,18 +175,19 @@ class MakeRun(Terminal):
         self.process.wait(PATIENCE)
 
 
-@pytest.fixture
-def terminal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> MakeRun:
-    return parts.enter_context(MakeRun(tmp_path, parts.enter_context(Domain()).number))
-
-
 STARTED = {'rcs_node': 'listens for 1 kart', 'timekeeper': 'keeps its book in'}
 """What each program that `make run` starts says then."""
 
 
-def test_under_make_run_each_program_comes_back_and_ctrl_c_ends_all(terminal: MakeRun) -> None:
+@pytest.fixture
+def terminal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> MakeRun:
+    terminal = parts.enter_context(MakeRun(tmp_path, parts.enter_context(Domain()).number))
     for said in STARTED.values():
         terminal.wait_for(said)
+    return terminal
+
+
+def test_under_make_run_each_program_comes_back_and_ctrl_c_ends_all(terminal: MakeRun) -> None:
     for program, said in STARTED.items():
         killed = next(
             pid
@@ -203,16 +204,17 @@ def test_under_make_run_each_program_comes_back_and_ctrl_c_ends_all(terminal: Ma
         wait_until_ended(pid)
 
 
-def test_the_timekeeper_ends_with_race_control_under_make_run(terminal: MakeRun) -> None:
-    for said in STARTED.values():
-        terminal.wait_for(said)
+@pytest.mark.parametrize('closed', [False, True], ids=['race control ends', 'terminal closed'])
+def test_the_timekeeper_ends_with_race_control_and_with_the_terminal_under_make_run(
+    terminal: MakeRun, closed: bool
+) -> None:
     loop = next(
         pid
         for pid in sorted(terminal.inside)
         if {'-m', 'evgp_node.restarting'} <= {*command_of(pid)}
         and 'rcs_node' in command_of(pid)[3]
     )
-    os.kill(loop, signal.SIGKILL)
+    terminal.hang_up() if closed else os.kill(loop, signal.SIGKILL)
     for pid in terminal.inside:
         wait_until_ended(pid)
 
@@ -234,13 +236,6 @@ def command_of(pid: int) -> list[str]:
     with contextlib.suppress(FileNotFoundError, ProcessLookupError):
         return pathlib.Path(f'/proc/{pid}/cmdline').read_text(encoding='utf-8').split('\0')
     return []
-
-
-def test_closing_the_terminal_ends_all(terminal: MakeRun) -> None:
-    for said in STARTED.values():
-        terminal.wait_for(said)
-
-    terminal.close()  # and wait until each of them has ended
 
 
 # ----- when, and how soon -------------------------------------------------------------------

@@ -70,6 +70,7 @@ class Terminal(Part):
         """Close the terminal, as by its window."""
         with contextlib.suppress(OSError):
             os.close(self._hand)
+        self._hand = -1  # its number may be of another file soon
 
     def close(self) -> None:
         """End what still runs."""
