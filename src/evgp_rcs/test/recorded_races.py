@@ -5,10 +5,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 import contextlib
 import csv
-import dataclasses
 import itertools
 import pathlib
 import re
@@ -198,19 +197,10 @@ class PaperRace:
         return Account(kept(self.stream()))
 
 
-@dataclasses.dataclass(frozen=True)
-class Unwritten(Kept):
-    """A run that was never in a file; entries come back from one as they are (test_inputs.py)."""
-
-    stream: Sequence[Entry] = ()
-
-    def entries(self) -> Iterator[Entry | Gap]:
-        yield from self.stream
-
-
 def kept(entries: Sequence[Entry]) -> Kept:
     """Return a run with these entries, as it is read from a record."""
-    return Unwritten(Session(1, BEGAN, None, 0, BEGAN, '1234'), [], entries)
+    block = Block(0, b''.join(map(encode, entries))).compressed()
+    return Kept(Session(1, BEGAN, None, 0, BEGAN, '1234'), [(1, block)])
 
 
 def named(event: Happened | None) -> str:
