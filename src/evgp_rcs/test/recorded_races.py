@@ -84,9 +84,7 @@ class PaperRace:
     def feed(self, given: inputs.Input) -> Outcome:
         """Feed and log an input, as the kart server does it."""
         self.log.add(given)
-        return self.take(inputs.feed(given, self.race))
-
-    def take(self, outcome: Outcome) -> Outcome:
+        outcome = inputs.feed(given, self.race)
         if outcome.orders:
             self.log.add(inputs.Ordered(outcome.orders))
         self.tell(outcome.events)
@@ -271,18 +269,15 @@ def edit(path: pathlib.Path, change: Callable[[list[Entry]], object], run: int =
         database.execute('INSERT INTO block VALUES (?, 1, ?)', (run, block.compressed()))
 
 
-def change_event(path: pathlib.Path, which: Callable[[StampedEvent], bool], **to: Any) -> int:
-    """Have somebody change the only such event of a record, and return its number."""
-    changed = []
+def change_event(path: pathlib.Path, which: Callable[[StampedEvent], bool], **to: Any) -> None:
+    """Have somebody change the only such event of a record."""
 
     def change(entries: list[Entry]) -> None:
         (place,) = [n for n, e in enumerate(entries) if isinstance(e, StampedEvent) and which(e)]
         stamped = entries[place]
         assert isinstance(stamped, StampedEvent)
-        changed.append(stamped.sequence)
         of_event = {name: value for name, value in to.items() if name in Event._fields}
         of_stamp = {name: value for name, value in to.items() if name not in Event._fields}
         entries[place] = stamped._replace(event=stamped.event._replace(**of_event), **of_stamp)
 
     edit(path, change)
-    return changed[0]

@@ -244,8 +244,7 @@ def test_a_port_in_use_is_refused_and_leaves_no_doubt_behind(half: Half, begin: 
         half.say(dataclasses.replace(begin, cannot_know='no cable'))
         assert 'another program uses the port' in half.wait_for(Failed).text
         assert half.process.wait(TIMEOUT) == 2
-    again = Half()
-    with contextlib.closing(again):
+    with contextlib.closing(Half()) as again:
         again.say(begin)
         again.wait_for(Listening)
         assert again.wait_for(Snapshot).state is IN_GARAGE

@@ -418,11 +418,11 @@ def test_wall_times_that_were_moved_are_told_and_are_no_difference(
     running.write(path)
     moved = running.stamped[len(running.stamped) // 2]
     back = moved.wall_ns - 600_000_000
-    number = change_event(path, lambda each: each.sequence == moved.sequence, wall_ns=back)
+    change_event(path, lambda each: each.sequence == moved.sequence, wall_ns=back)
     assert main(['replay', str(path)]) == DONE
     counts, told = capsys.readouterr().out.splitlines()
     assert counts.endswith('no difference')
-    assert f'event {number},' in told
+    assert f'event {moved.sequence},' in told
 
 
 def test_the_version_of_the_rules_is_16_hexadecimal_digits_and_always_the_same() -> None:
