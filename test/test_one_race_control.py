@@ -21,7 +21,6 @@ from evgp_node.network_cards import cards
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import Process
@@ -329,17 +328,12 @@ def test_of_its_right_to_ask_race_control_leaves_nothing_to_the_processes_that_s
 
 
 def test_make_run_on_a_machine_without_a_network_warns_of_no_second_race_control(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
 ) -> None:
     need_networks()
     with parts.enter_context(Namespace()).inside():
         control = parts.enter_context(
-            RaceControl(
-                tmp_path,
-                parts.enter_context(Domain()).number,
-                [1],
-                parameters={'address': '0.0.0.0'},
-            )
+            RaceControl(tmp_path, domain, [1], parameters={'address': '0.0.0.0'})
         )
     assert 'race control' in control.output
     assert '[WARN]' not in control.output

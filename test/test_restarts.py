@@ -17,7 +17,6 @@ import time
 
 from evgp_node.restarting import Ends, FIRST_TRIES
 from evgp_protocol.states import RaceState
-from evgp_testing.domains import Domain
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import freeze, Process, wait_until_ended
 from evgp_testing.race_control import address_of, new_port, settings, write_roster
@@ -36,16 +35,10 @@ IN_GARAGE = RaceState.IN_GARAGE
 class Kept(Process):
     """A race control that is kept running."""
 
-    def __init__(self, folder: pathlib.Path, domain: int, **parameters: object) -> None:
+    def __init__(self, folder: pathlib.Path, domain: int) -> None:
         self.port = new_port()
-        own = settings(folder, write_roster(folder, [1]))
-        super().__init__(
-            'evgp_rcs',
-            'rcs_node',
-            domain,
-            {**own, 'port': self.port, **parameters},
-            under=KEPT,
-        )
+        given = {**settings(folder, write_roster(folder, [1])), 'port': self.port}
+        super().__init__('evgp_rcs', 'rcs_node', domain, given, under=KEPT)
 
     @property
     def halves(self) -> tuple[int, int]:
@@ -79,22 +72,13 @@ class Kept(Process):
 
 
 @pytest.fixture
-def start_kept(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Callable[..., Kept]:
-    """Return a function that starts a race control that is kept running."""
-
-    def start(**parameters: object) -> Kept:
-        return parts.enter_context(
-            Kept(tmp_path, parts.enter_context(Domain()).number, **parameters)
-        )
-
-    return start
+def kept(parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path) -> Kept:
+    return parts.enter_context(Kept(tmp_path, domain))
 
 
 def test_race_control_that_was_killed_comes_back_in_red_red(
-    start_kept: Callable[..., Kept],
-    record_property: Callable[[str, object], None],
+    kept: Kept, record_property: Callable[[str, object], None]
 ) -> None:
-    kept = start_kept()
     before = kept.connect()
     before.wait_for_state(IN_GARAGE)
     for what, half in (('the ROS half', 0), ('the kart server', 1)):
@@ -126,9 +110,8 @@ def test_race_control_that_was_killed_comes_back_in_red_red(
 
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL], ids=lambda each: each.name)
 def test_race_control_ends_in_red_red_for_good_with_the_one_that_keeps_it_running(
-    start_kept: Callable[..., Kept], number: signal.Signals
+    kept: Kept, number: signal.Signals
 ) -> None:
-    kept = start_kept()
     halves = kept.halves
     kart = kept.connect()
     kart.wait_for_state(IN_GARAGE)
@@ -180,8 +163,8 @@ STARTED = {'rcs_node': 'listens for 1 kart', 'timekeeper': 'keeps its book in'}
 
 
 @pytest.fixture
-def terminal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> MakeRun:
-    terminal = parts.enter_context(MakeRun(tmp_path, parts.enter_context(Domain()).number))
+def terminal(parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path) -> MakeRun:
+    terminal = parts.enter_context(MakeRun(tmp_path, domain))
     for said in STARTED.values():
         terminal.wait_for(said)
     return terminal

@@ -37,7 +37,6 @@ import pytest
 from rig.disks import filled, garble_schema, Harm, in_database, remount, small_disk
 from rig.replaying import events_of
 
-RULES = Rules('rules', Setup((), RaceTimes(), (), 0.0))
 HOME = RaceMemory(RaceState.IN_GARAGE, {7: KartMemory(True, False, 0, Doubt.NONE, False)})
 RACING = RaceMemory(RaceState.GREEN_GREEN, {7: KartMemory(True, False, 0, Doubt.MOVING, False)})
 OPEN = dataclasses.replace(HOME, track_open=True)
@@ -356,7 +355,7 @@ def test_entries_without_events_wait_for_others_but_not_for_long(
     'hand_over',
     [
         lambda record: put(record, event(1)),
-        lambda record: record.put(Batch(0, [RULES])),
+        lambda record: record.put(Batch(0, [Rules('rules', Setup((), RaceTimes(), (), 0.0))])),
         lambda record: record.remember(HOME),
     ],
     ids=['an event', 'the rules', 'a memory'],

@@ -70,10 +70,6 @@ def paper() -> PaperRace:
     return three_karts()
 
 
-def sent(account: Account, number: int) -> list[str]:
-    return [band.what for band in account.lanes[number].bands]
-
-
 def stops(account: Account) -> list[Stop]:
     return [account.stop(account.races[0], each) for each in account.races[0].stops]
 
@@ -167,8 +163,8 @@ def test_a_stop_has_who_was_told_with_two_times_and_who_was_slowest(paper: Paper
     paper.wait(2.0)
     paper.command(CommandKind.ALL_KILL)
     account = paper.account()
-    alone, flag, kill, again = stops(account)
-    commands = [named(each.event) for each in (alone, flag, kill, again)]
+    alone, flag, kill, again = every = stops(account)
+    commands = [named(each.event) for each in every]
     assert commands == ['KART_RED_RED', 'RED_FLAG', 'ALL_KILL', 'ALL_KILL']
 
     clock = Clock(0)
@@ -187,9 +183,9 @@ def test_a_stop_has_who_was_told_with_two_times_and_who_was_slowest(paper: Paper
     assert told(kill)[8] == ('RED RED', '0.020 s', '1.000 s')
     assert told(again)[7] == ('nothing: it was not connected', '', '')
     # Kart 9 had been told before: it says nothing about these stops.
-    silent = [[each.kart for each in stop.told if each.is_silent] for stop in stops(account)]
+    silent = [[each.kart for each in stop.told if each.is_silent] for stop in every]
     assert silent == [[], [8], [7], []]
-    slowest = [each.slowest() for each in (alone, flag, kill, again)]
+    slowest = [each.slowest() for each in every]
     assert [each and each.kart for each in slowest] == [9, 7, 8, None]
 
 
@@ -301,7 +297,7 @@ def test_where_the_rules_cannot_follow_the_events_are_listed_and_nothing_else_is
         )
     with open_runs(path) as runs:
         account = Account(runs.read(runs.choose(None)))
-    assert sent(account, 7)[-2:] == [RED_FLAG, NOT_KNOWN]
+    assert [band.what for band in account.lanes[7].bands][-2:] == [RED_FLAG, NOT_KNOWN]
     assert account.race_bands[-1].what == NOT_KNOWN
     (race,) = account.races
     assert race.incomplete
