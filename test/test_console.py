@@ -140,7 +140,10 @@ def test_once_the_last_window_hangs_its_race_is_sent_red_flag(
     kart = connect_kart(control, 1, EACH_CHANGE)
     see_karts(console, 1)
     console.wait_for('strip', text='1 official can stop')
-    console.start_race()
+    console.ask('F2')
+    console.press('y', see='green_green', barred='false')
+    console.ask('F3')
+    console.press('y', see='state', text='GREEN GREEN')
     kart.wait_for_state(GREEN_GREEN)
 
     console.block()  # its own thread only: DDS goes on

@@ -184,13 +184,6 @@ class Console(Program):
         """Press keys until the last one has the window ask a question, as wanted."""
         self.press(*names, see='question', **wanted)
 
-    def start_race(self) -> None:
-        """Give GRID_ACTIVE and, once that is allowed, GREEN_GREEN, by keys."""
-        self.ask('F2')
-        self.press('y', see='green_green', barred='false')
-        self.ask('F3')
-        self.press('y', see='state', text='GREEN GREEN')
-
     def block(self) -> None:
         """Have the window's own thread do nothing until `go_on`; return once it has begun."""
         self._ask(do='block')
