@@ -301,22 +301,19 @@ class EventLog:
 
     def _line(self, at: str, event: Event) -> Line | None:
         """Return the line for an event; None if the event needs no line."""
-        told, what, karts = '', '', (event.kart,) * bool(event.kart)
+        what, karts = '', (event.kart,) * bool(event.kart)
         state = STATES[event.state]
-        follows = event.command is not None and event.kind is not EventKind.COMMAND
-        if follows and event.kind in (EventKind.RACE_STATE, EventKind.KART_STATE):
-            return None
+        of_state = event.kind in (EventKind.RACE_STATE, EventKind.KART_STATE)
+        if of_state and event.command is not None:
+            return None  # the command has a line
         if event.state is RaceState.IN_GARAGE and event.kind in _OF_KARTS:
             return None  # every kart that connects is sent IN_GARAGE, and no kart must answer
         if event.kind is EventKind.LINK_GRADE and event.grade is not Grade.POOR:
             return None  # the rows show the grade
         if event.kind is EventKind.DELIVERED and event.after < GRADES[Grade.FAIR]:
             return None  # a stop that arrives in time
-        if (
-            event.kind is EventKind.KART_STATE
-            and event.place
-            and event.state is RaceState.RED_FLAG
-        ):
+        finished = event.place and event.state is RaceState.RED_FLAG
+        if finished and event.kind is EventKind.KART_STATE:
             told = f'Kart {event.kart}: {state} (finished, P{event.place})'
         elif event.kind in _OF_KARTS and event.kart:
             what = _OF_KARTS[event.kind].format(state=state)
