@@ -272,11 +272,8 @@ class Mouse:
             return True  # a right click could open a menu, which would take clicks from stops
         held, self._held = self._held, None
         if kind == QtCore.QEvent.Type.MouseButtonRelease:
-            if (
-                held is not None
-                and age >= STALE
-                and held in self._window.findChildren(QtWidgets.QAbstractButton)
-            ):
+            buttons = self._window.findChildren(QtWidgets.QAbstractButton) if age >= STALE else ()
+            if held is not None and held in buttons:
                 held.setDown(False)
                 self._late.drop(self._held_name, age)
             elif isinstance(held, CommandButton) and held is not target:
@@ -297,7 +294,7 @@ class Mouse:
             self._bottom.say_unsent(_called(button), why)
             return True
         question = self._window.question
-        if target in (question.yes, question.also) and not question.settled:
+        if target in (question.yes, question.also) and not question.settled(clock.now() - age):
             return True
         if kind == QtCore.QEvent.Type.MouseButtonDblClick:
             # A button may have appeared since the first press of a double click; the second press

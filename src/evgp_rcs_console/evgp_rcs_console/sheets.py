@@ -90,8 +90,6 @@ class Question(Sheet):
         super().__init__(parent, 'question')
         self.button: Button | None = None
         self.shown_at = 0.0
-        self._settling = QtCore.QTimer(self, singleShot=True)
-        self._settling.timeout.connect(self._bar_yes)
         self._texts = (
             Text('question_consequence', '', TOP, wrap=True, flows=True),
             Text('question_warning', 'bold', wrap=True, fills=True, flows=True),
@@ -125,8 +123,6 @@ class Question(Sheet):
         for yes in (self.yes, self.also):
             yes.setDown(False)  # the button may still be held down from an earlier question
             yes.setEnabled(True)
-        # At first, YES ignores clicks: one may be the second click of a double click.
-        self._settling.start(round(SEEN * 1000))
         self.title.show_text(f'{button.name}?')
         condition = button.question.condition
         self._ask(button.question)
@@ -135,7 +131,7 @@ class Question(Sheet):
         if button.also:
             key = CATALOGUE[button.also[0].command].key
             self.also.show_words('YES, and also', key, also(button.also))
-        self._bar_yes()
+        self.look()
 
     def show_screen(self, screen: Screen) -> None:
         """
@@ -165,7 +161,6 @@ class Question(Sheet):
             for yes in (self.yes, self.also):
                 yes.setEnabled(False)
             self.window().place_sheets()
-        self._bar_yes()
 
     def _ask(self, asked: Asked) -> None:
         warning = asked.warning and texts.ASK_WARNING.format(warning=asked.warning)
@@ -177,14 +172,14 @@ class Question(Sheet):
         for text, cell in zip(self._texts, said, strict=True):
             text.show_cell(cell)
 
-    @property
-    def settled(self) -> bool:
-        """Return whether the question has been open for so long that a click on YES counts."""
-        return not self._settling.isActive()
+    def settled(self, at: float) -> bool:
+        """Return whether a click on YES at a time (s) counts; a double click's second does not."""
+        return at - self.shown_at >= SEEN
 
-    def _bar_yes(self) -> None:
+    def look(self) -> None:
+        """Show whether a click on YES counts by now."""
         for yes in (self.yes, self.also):
-            yes.bar(not yes.isEnabled() or not self.settled)
+            yes.bar(not yes.isEnabled() or not self.settled(clock.now()))
 
 
 class Choice(Sheet):

@@ -16,9 +16,8 @@ from evgp_node.qt import QtCore, QtGui, QtWidgets
 from evgp_node.results import Standings
 from evgp_protocol import clock
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import Answer, StampedEvent
-from evgp_rcs.rules.snapshot import Snapshot
+from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import Cell, time_of_day, Tone
 from evgp_rcs_console import panels, settings, style, texts
 from evgp_rcs_console.alerts import AlertsArea
@@ -255,6 +254,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._texts['time_of_day'].show_text(time_of_day(time.time()))
         warned = bool(danger.title) and self._latest.race is not None
         self.alerts.alarm.look(now, warned or bool(self.alerts.unseen))
+        self.question.look()
         self._late.beat(clock.now())
 
     def refresh(self) -> None:
@@ -357,5 +357,6 @@ class ConsoleWindow(QtWidgets.QWidget):
 
 def _without_figures(race: Snapshot, results: Standings | None) -> object:
     """Return what a screen shows of a race, apart from times and the figures of links."""
-    karts = [(kart._replace(link=NOT_MEASURED), kart.link.grade) for kart in race.karts]
+    link = KartSnapshot._fields.index('link')
+    karts = [(kart[:link], kart.link.grade, kart[link + 1 :]) for kart in race.karts]
     return race._replace(stamp=0.0, karts=()), karts, results and results._replace(stamp=0.0)

@@ -999,14 +999,13 @@ def test_no_click_or_key_answers_yes_before_an_official_can_have_read_the_questi
     console.press('F2')
     console.look()
     question = console.window.question
-    question._settling.start(3_600_000)  # as if the question had just opened
+    question.shown_at = console.now  # as if the question had just opened
     console.click_at(console.place('yes'))
-    question._settling.stop()
     question.shown_at = console.now + 1.0
     console.strike('Y')
     assert 'before the question appeared' in console.text('status')
     assert not console.commands
-    question.shown_at = console.now
+    question.shown_at = 0.0
     console.click_at(console.place('yes'))
     assert console.commands == [(CommandKind.GRID_ACTIVE, 0)]
 
@@ -1030,7 +1029,6 @@ def test_a_key_or_a_click_that_was_too_old_is_named_if_it_means_anything(
     console.look()
     yes, leave = console.place('yes'), console.place('leave_race_1')
     for acts in (('mousePress', 'mouseRelease'), ('mouseClick',)):  # only let go, or all too late
-        console.window.question._settling.stop()
         for act in acts[:-1]:
             console.click_at(yes, act)
         console.hang()
