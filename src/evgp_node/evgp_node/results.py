@@ -70,7 +70,6 @@ class Passing(NamedTuple):
     kart: int = 0
     transponder: str = ''
     stamp_ns: int = 0
-    clock: int = 0
     hits: int = 0
     strength: float | None = None
 

@@ -344,7 +344,6 @@ class Rehearsal(Part):
                     reported,
                     crossing.kart,
                     stamp_ns=epoch_ns + round(crossing.at * 1e9),
-                    clock=msg.Passing.CLOCK_OF_HOST,
                 )
                 self._passings.publish(message_of(passing, msg.Passing))
             for number, kart in self.field.karts.items():

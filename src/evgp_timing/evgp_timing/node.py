@@ -148,9 +148,7 @@ class TimingSource(StrictNode):
     def _take(self, event: Event, now: float) -> None:
         passing = self._account.take(event, now)
         if passing is not None:
-            of_host = self._settings.kind == CONTACT
-            whose = msg.Passing.CLOCK_OF_HOST if of_host else msg.Passing.CLOCK_OF_DEVICE
-            passing = passing._replace(source=self._settings.source, clock=whose)
+            passing = passing._replace(source=self._settings.source)
             self._passings.publish(message_of(passing, msg.Passing))
 
     # ----- in the executor's thread -------------------------------------------------------

@@ -34,7 +34,7 @@ def of_device(
     :param transponder: number or name of the transponder as the device reports it, if necessary
         followed by a space and the label printed on it. An unknown transponder is empty.
     """
-    return Passing('', '', number, 0, transponder, time_us * 1000, 0, hits, strength)
+    return Passing('', '', number, 0, transponder, time_us * 1000, hits, strength)
 
 
 class Unchecked(Passing):
