@@ -16,6 +16,7 @@ whatever happens to this process, the kernel takes all of them away, cables and 
 from __future__ import annotations
 
 from collections.abc import Iterator
+import concurrent.futures
 import contextlib
 import ctypes
 import fcntl
@@ -28,7 +29,6 @@ import socket
 import struct
 import subprocess
 import sys
-import threading
 from typing import Any
 
 from evgp_testing.part import Part, PATIENCE
@@ -80,22 +80,14 @@ class Namespace(Part):
 
         :raises NetworkError: if that is not allowed.
         """
-        made: list[int | NetworkError] = []
 
-        def make() -> None:
-            try:
-                _system_call('unshare', _CLONE_NEWNET)
-                made.append(os.open('/proc/thread-self/ns/net', os.O_RDONLY))
-            except NetworkError as error:
-                made.append(error)
+        def make() -> int:
+            _system_call('unshare', _CLONE_NEWNET)
+            return os.open('/proc/thread-self/ns/net', os.O_RDONLY)
 
         # In a thread of its own, which ends: unshare moves the one that calls it.
-        thread = threading.Thread(target=make)
-        thread.start()
-        thread.join()
-        if isinstance(made[0], NetworkError):
-            raise made[0]
-        self._file = made[0]
+        with concurrent.futures.ThreadPoolExecutor(1) as thread:
+            self._file = thread.submit(make).result()
         self.path = f'/proc/{os.getpid()}/fd/{self._file}'
         try:
             self.ip('link set lo up')
@@ -185,24 +177,21 @@ class Machine(Namespace):
         toward: float | None = None,
         back: float | None = None,
         rate: float = 0.0,
-        evenly: bool = False,
     ) -> float:
         """
         Set what happens to its frames from now on, and return the time (monotonic, s).
 
-        :param loss: the share that is lost, in each direction.
+        :param loss: the share that is lost, evenly spaced, in each direction.
         :param delay: how late they come, in each direction, s.
         :param toward: the share that is lost toward this machine, if not the same.
         :param back: the share that is lost on the way from it, if not the same.
         :param rate: how fast they go in each direction, bit/s; 0: at once.
-        :param evenly: those that are lost come evenly spaced, not by chance.
         """
         return self._track.order(
             'air',
             name=self.name,
             toward=[loss if toward is None else toward, delay, rate],
             back=[loss if back is None else back, delay, rate],
-            evenly=evenly,
         )
 
     def unplug(self) -> float:
@@ -224,17 +213,16 @@ class Track(Part):
     """
     The network between race control and the karts.
 
-    :param seed: of the chance that decide what is lost.
     :raises NetworkError: if this machine does not let us make networks.
     """
 
-    def __init__(self, seed: int = 0) -> None:
+    def __init__(self) -> None:
         """Make the namespace in the middle and start the relay there."""
         self.middle = Namespace()
         script = pathlib.Path(__file__).with_name('relay.py')
         with self.middle.inside():
             self._relay = subprocess.Popen(
-                [sys.executable, '-I', str(script), str(seed)],
+                [sys.executable, '-I', str(script)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,

@@ -20,7 +20,6 @@ import heapq
 import itertools
 import json
 import os
-import random
 import selectors
 import socket
 import sys
@@ -38,23 +37,20 @@ class Air:
     """
     What happens to frames in one direction.
 
-    :ivar loss: the share that is lost, from 0 to 1.
+    :ivar loss: the share that is lost, from 0 to 1, evenly spaced, as chance could lose one frame
+        again and again.
     :ivar delay: how late they come, s.
     :ivar rate: how fast they go, bit/s; 0: at once.
-    :ivar evenly: those that are lost come evenly spaced, not by chance.
     """
 
     loss: float = 0.0
     delay: float = 0.0
     rate: float = 0.0
-    evenly: bool = False
     free_at: float = 0.0
     owed: float = 0.0
 
-    def loses(self, chance: float) -> bool:
-        """Return whether the next frame is lost, by a number drawn from 0 to 1."""
-        if not self.evenly:
-            return chance < self.loss
+    def loses(self) -> bool:
+        """Return whether the next frame is lost."""
         self.owed = self.owed % 1 + self.loss
         return self.owed >= 1
 
@@ -85,8 +81,7 @@ class Cable:
 class Relay:
     """Every cable, and the frames that are on their way."""
 
-    def __init__(self, seed: int) -> None:
-        self._chance = random.Random(seed)
+    def __init__(self) -> None:
         self._cables: dict[str, Cable] = {}
         self._late: list[tuple[float, int, Cable, bytes]] = []
         self._order = itertools.count()
@@ -123,11 +118,11 @@ class Relay:
         self._selector.unregister(cable.socket)
         cable.socket.close()
 
-    def order_air(self, name: str, toward: list[float], back: list[float], evenly: bool) -> None:
+    def order_air(self, name: str, toward: list[float], back: list[float]) -> None:
         """Set loss, delay and rate toward a machine and back from it."""
         cable = self._cables[name]
         for air, (loss, delay, rate) in ((cable.toward, toward), (cable.back, back)):
-            air.loss, air.delay, air.rate, air.evenly = loss, delay, rate, evenly
+            air.loss, air.delay, air.rate = loss, delay, rate
 
     # ----- frames -------------------------------------------------------------------------
 
@@ -141,9 +136,7 @@ class Relay:
         for target in list(self._cables.values()):
             if target is source or not (frame[0] & _TO_MANY or frame[:6] == target.hardware):
                 continue
-            if source.back.loses(self._chance.random()):
-                continue
-            if target.toward.loses(self._chance.random()):
+            if source.back.loses() or target.toward.loses():
                 continue
             now = time.monotonic()
             due = target.toward.due(source.back.due(now, len(frame)), len(frame))
@@ -163,4 +156,4 @@ if __name__ == '__main__':
     # A network waits for no program; without the right, this one may on a busy computer.
     with contextlib.suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
-    Relay(int(sys.argv[1])).run()
+    Relay().run()
