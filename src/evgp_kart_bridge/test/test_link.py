@@ -124,16 +124,6 @@ def is_over(connection: socket.socket) -> bool:
         return True
 
 
-def test_what_race_control_commands_is_told_whatever_the_cuts(race_control: RaceControl) -> None:
-    running = race_control.start_link()
-    connection = race_control.accept()
-    connection.sendall(b'$IN_GA')
-    connection.sendall(b'RAGE;\r\n$')
-    running.wait_for_state(IN_GARAGE)
-    connection.sendall(b'GRID_ACTIVE;')
-    running.wait_for_state(GRID_ACTIVE)
-
-
 def test_of_all_frames_that_came_together_the_last_alone_is_obeyed(
     race_control: RaceControl,
 ) -> None:
@@ -147,12 +137,18 @@ def test_of_all_frames_that_came_together_the_last_alone_is_obeyed(
     assert GREEN_GREEN not in {verdict.state for verdict in running.verdicts[before:]}
 
 
-def test_malformed_frames_are_counted_and_hide_no_valid_one(race_control: RaceControl) -> None:
+def test_valid_frames_are_obeyed_whatever_the_cuts_and_whatever_else_comes(
+    race_control: RaceControl,
+) -> None:
     running = race_control.start_link()
-    race_control.accept().sendall(b'$PARTY;\x00\xff$' + b'x' * 5000 + encode(IN_GARAGE))
+    connection = race_control.accept()
+    connection.sendall(b'$PARTY;\x00\xff$' + b'x' * 5000 + b'$IN_GA')
+    connection.sendall(b'RAGE;\r\n$')
     running.wait_for_state(IN_GARAGE)
     assert running.status.malformed > 1
     assert running.status.last_malformed
+    connection.sendall(b'GRID_ACTIVE;')
+    running.wait_for_state(GRID_ACTIVE)
 
 
 def test_malformed_frames_do_not_keep_a_connection_alive(race_control: RaceControl) -> None:
@@ -225,28 +221,19 @@ def test_green_green_is_not_obeyed_on_a_new_connection(race_control: RaceControl
     assert {verdict.may_drive for verdict in running.verdicts[since:]} == {False}
 
 
-def test_it_reconnects_after_every_loss(race_control: RaceControl) -> None:
+def test_it_reconnects_after_every_loss_and_soon_where_it_was_heard(
+    race_control: RaceControl, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(link, 'FIRST_WAIT', 1e-3)
+    monkeypatch.setattr(link, 'LAST_WAIT', 1e6)
     running = race_control.start_link()
-    for count in range(1, 4):
+    for count in range(1, 21):  # by doubling, the last wait would be of minutes
         connection = race_control.accept()
         connection.sendall(encode(IN_GARAGE))
         running.wait_for(lambda verdict: verdict.connected, len(running.verdicts))
         assert running.status.connections == count
         connection.close()
         running.wait_for(lambda verdict: not verdict.connected, len(running.verdicts))
-
-
-def test_each_connection_that_was_heard_makes_the_wait_for_the_next_short_again(
-    race_control: RaceControl, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(link, 'FIRST_WAIT', 1e-3)
-    monkeypatch.setattr(link, 'LAST_WAIT', 1e6)
-    running = race_control.start_link()
-    for _ in range(20):  # by doubling, the last wait would be of minutes
-        connection = race_control.accept()
-        connection.sendall(encode(IN_GARAGE))
-        running.wait_for(lambda verdict: verdict.connected, len(running.verdicts))
-        connection.close()
 
 
 def test_a_closed_port_is_named_and_tried_until_it_opens(race_control: RaceControl) -> None:
@@ -276,27 +263,20 @@ def test_a_connection_closed_at_once_names_its_ends_and_the_way_out(
     assert running.status.failures == 1
 
 
-def test_race_control_that_was_heard_before_is_not_suspected_of_another_roster(
+def test_race_control_that_was_heard_and_closes_is_not_suspected_of_another_roster(
     race_control: RaceControl,
 ) -> None:
     running = race_control.start_link()
     connection = race_control.accept()
     running.obey(connection, IN_GARAGE)
-    connection.close()
+    connection.shutdown(socket.SHUT_WR)
+    running.wait_for(lambda verdict: verdict.reason.endswith('closed the connection'))
     for count in (2, 3):
         race_control.accept().close()
         running.wait_for(
             lambda verdict, count=count: running.status.failures >= count, len(running.verdicts)
         )
     assert not any('roster' in verdict.reason for verdict in running.verdicts)
-
-
-def test_a_connection_closed_in_the_race_says_so(race_control: RaceControl) -> None:
-    running = race_control.start_link()
-    connection = race_control.accept()
-    running.obey(connection, IN_GARAGE)
-    connection.shutdown(socket.SHUT_WR)
-    running.wait_for(lambda verdict: 'closed the connection' in verdict.reason)
 
 
 def test_an_address_this_machine_does_not_have_is_named(race_control: RaceControl) -> None:
