@@ -167,5 +167,6 @@ def test_a_bridge_that_hears_no_race_control_has_an_error_in_its_only_status(
 ) -> None:
     bridge = start_bridge()
     health = parts.enter_context(Health(bridge.domain))
-    health.wait_for('kart_bridge: race state', ERROR)
+    status = health.wait_for('kart_bridge: race state', ERROR)
+    assert values(status)['odometry'] == 'not heard on /kart_bridge/odom'
     assert [*health.statuses] == ['kart_bridge: race state']

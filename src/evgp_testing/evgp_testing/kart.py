@@ -10,7 +10,6 @@ import math
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from evgp_node.qos import latched
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
@@ -74,7 +73,6 @@ class Team(RosSide):
         self.changes: list[tuple[float, RaceState | None]] = []
         self.stop: bool | None = None
         self.speed: float | None = None
-        self.diagnostics: list[DiagnosticStatus] = []
         self._driven = 0.0
         self._rolls = self._place = 0.0
         self._acknowledge = self.node.create_client(srv.Acknowledge, '/kart_bridge/acknowledge')
@@ -86,12 +84,6 @@ class Team(RosSide):
             Bool, '/kart_bridge/stop', lambda stop: self.learn(stop=stop.data), latched(1)
         )
         self.node.create_subscription(Odometry, '/kart_bridge/odom', self._hear_speed, 10)
-        self.node.create_subscription(
-            DiagnosticArray,
-            '/diagnostics',
-            lambda array: self.learn(diagnostics=list(array.status)),
-            10,
-        )
         self._odometry: Publisher | None = None  # two would stop the kart
         self.spin()
 
@@ -158,13 +150,6 @@ class Team(RosSide):
         self.wait_until(
             lambda: self.speed is not None and found(self.speed),
             lambda: f'such a speed; it is {self.speed}',
-        )
-
-    def wait_for_diagnostic(self, found: Callable[[DiagnosticStatus], bool]) -> None:
-        """Wait until the bridge's diagnostics have a status for which `found` is true."""
-        self.wait_until(
-            lambda: any(map(found, self.diagnostics)),
-            lambda: f'such a diagnostic; there is {self.diagnostics}',
         )
 
     def _publish_speed(self) -> None:
