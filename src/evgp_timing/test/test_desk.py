@@ -260,16 +260,18 @@ def test_a_restart_of_race_control_ends_the_race_and_the_next_one_begins_anew(
     assert len(event.desk.races) == 2
 
 
-def test_what_finish_and_laps_disagree_about_is_a_question(event: Event) -> None:
-    event.start('Heat 1', 1, 2)
-    event.lap(1, 1, 2)
-    event.cross(1)
+@pytest.mark.parametrize('heat', ['Heat 1', ''])
+def test_an_order_of_finish_that_is_not_that_of_the_results_is_a_question(
+    event: Event, heat: str
+) -> None:
+    event.start(heat, 1, 2)
+    event.lap(2, 1, 2)
     assert event.desk.questions() == []
-    event.now += 1.0
-    event.tell(What.FINISH, 2)
-    event.now += 1.0
-    event.tell(What.FINISH, 1)
-    assert len(event.desk.questions()) == 1  # the order
+    for kart in (2, 1):
+        event.now += 1.0
+        event.tell(What.FINISH, kart)
+    (asked,) = event.desk.questions()
+    assert 'order of FINISH' in asked
     event.tell(What.UNDO_FINISH, 2)
     assert event.desk.questions() == []
 
@@ -478,18 +480,6 @@ def test_what_the_line_saw_while_the_timekeeper_was_away_counts_whatever_happene
     (kart,) = (each for each in event.desk.standings().karts if each.kart == 1)
     assert kart.lap_times == pytest.approx((20.0, 25.0))
     assert event.desk.standings().passings[-1].mark is Mark.NOT_COUNTED
-
-
-def test_the_order_of_finish_is_asked_about_also_in_a_race_without_a_number_of_laps(
-    event: Event,
-) -> None:
-    event.start('', 1, 2)
-    event.lap(2, 1, 2)
-    event.tell(What.FINISH, 2)
-    event.now += 1.0
-    event.tell(What.FINISH, 1)
-    (asked,) = event.desk.questions()
-    assert 'order of FINISH' in asked
 
 
 def test_a_kart_that_is_released_a_second_time_left_the_race_the_first_time(
