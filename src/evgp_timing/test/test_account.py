@@ -74,18 +74,27 @@ def test_a_passing_said_again_is_left_out_and_told() -> None:
     assert made.trouble(3.0 + RECENT) is None
 
 
-def test_a_count_that_begins_anew_is_another_session() -> None:
-    made = account((1.0, passing(1.0, 41)))
+@pytest.mark.parametrize(
+    'said',
+    [
+        pytest.param([(1.0, 41), (2.0, 1), (3.0, 2)], id='a count'),
+        pytest.param([(500.0, 41), (0.5, 1), (1.5, 2)], id='a count and its clock'),
+        pytest.param([(500.0, 0), (0.5, 0), (1.5, 0)], id='the clock of a device without a count'),
+    ],
+)
+def test_what_begins_anew_is_another_session_and_one_restart(
+    said: list[tuple[float, int]],
+) -> None:
+    before, first, second = (passing(*each) for each in said)
+    made = account((1.0, before))
     session = made.session
-    assert number(made, passing(2.0, 1), 2.0) == 1
+    assert number(made, first, 2.0) == 1
     assert made.session != session
     assert made.trouble(2.0) is Trouble.RESTARTED
-
-
-def test_a_clock_that_a_restart_sets_back_is_no_second_fault() -> None:
-    made = account((1.0, passing(500.0, 41)), (2.0, passing(0.5, 1)), (3.0, passing(1.5, 2)))
+    assert number(made, second, 3.0) == 2
     assert made.counts[Trouble.RESTARTED] == 1
-    assert made.counts[Trouble.CLOCK] == 0
+    # Nothing but its clock shows that a device without a count has restarted.
+    assert made.counts[Trouble.CLOCK] == (0 if first.number else 1)
 
 
 def test_passings_that_were_not_received_are_counted_once_the_device_has_counted_by_one() -> None:
@@ -133,13 +142,6 @@ def test_a_gate_is_left_out_by_its_number_or_its_label_and_its_count_is_not_miss
     events = [passing(1.0, 1), passing(2.0, 2, '9992'), passing(3.0, 3, '12 G-1'), passing(4.0, 4)]
     assert [each.number for each in taken(made, events)] == [1, 4]
     assert made.trouble(4.0) is None
-
-
-def test_a_device_without_a_count_begins_anew_when_its_clock_does() -> None:
-    made = account((1.0, passing(500.0)), (2.0, passing(501.0)))
-    session = made.session
-    assert number(made, passing(0.5), 3.0) == 1
-    assert made.session != session
 
 
 @pytest.mark.parametrize('jump', [CLOCK_TOLERANCE + 0.1, -CLOCK_TOLERANCE - 0.1, 1e9])

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 
 from evgp_node.results import Passing
@@ -121,18 +122,6 @@ def test_what_is_encoded_is_decoded(
 
 
 @every_framing
-@pytest.mark.parametrize(
-    'inside',
-    [b'', bytes(3), bytes(MAX_RECORD_BYTES + 5)],
-    ids=['empty', 'too short', 'too long'],
-)
-def test_a_record_that_cannot_be_one_is_refused_once(framing: Framing, inside: bytes) -> None:
-    data = bytes((framing.begin, *inside, framing.end))
-    (refused,) = framing.decoder(lambda _: Sign()).feed(data)
-    assert isinstance(refused, Refused)
-
-
-@every_framing
 def test_a_field_longer_than_its_record_is_refused(framing: Framing) -> None:
     whole = encoded(framing, 1, [(1, b'abc')])
     record = bytearray(whole)
@@ -144,40 +133,38 @@ def test_a_field_longer_than_its_record_is_refused(framing: Framing) -> None:
     assert isinstance(framing.unpack(bytes(record[1:-1])), Refused)
 
 
-@pytest.mark.parametrize(
-    ('framing', 'kind', 'fields'),
-    [
-        (p3.P3, p3.Kind.PASSING, [(p3.Field.NUMBER, bytes(4)), (p3.Field.TRANSPONDER, bytes(4))]),
-        (
-            p3.P3,
-            p3.Kind.PASSING,
-            [(p3.Field.NUMBER, bytes(9)), (p3.Field.TRANSPONDER, b''), (4, bytes(8))],
-        ),
-        (laprf.LAPRF, laprf.Kind.PASSING, [(laprf.Field.SLOT, b'\1')]),
+P3_PASSING = functools.partial(encoded, p3.P3, p3.Kind.PASSING)
+NO_PASSING = {
+    'p3': [
+        P3_PASSING([(p3.Field.NUMBER, bytes(4)), (p3.Field.TRANSPONDER, bytes(4))]),
+        P3_PASSING([(p3.Field.NUMBER, bytes(9)), (p3.Field.TRANSPONDER, b''), (4, bytes(8))]),
+        *(b'\x8e' + bytes(length) + b'\x8f' for length in (0, 3, MAX_RECORD_BYTES + 5)),
     ],
-)
-def test_a_passing_without_number_time_or_transponder_is_refused(
-    framing: Framing, kind: int, fields: list[tuple[int, bytes]]
-) -> None:
-    decoder = DECODERS['p3' if framing is p3.P3 else 'laprf']()
-    (refused,) = decoder.feed(encoded(framing, kind, fields))
-    assert isinstance(refused, Refused)
+    'laprf': [
+        encoded(laprf.LAPRF, laprf.Kind.PASSING, [(laprf.Field.SLOT, b'\1')]),
+        *(b'\x5a' + bytes(length) + b'\x5b' for length in (0, 3, MAX_RECORD_BYTES + 5)),
+    ],
+    'ilap': [
+        b'\x01' + line + b'\r\n'
+        for line in (
+            b'@\t20\t7\t4242424',
+            b'@\t20\t7\t4242424\t123',
+            b'@\t20\t7\tname\t123.456',
+            b'@\t20\t7\t4242424\t-1.000',
+            b'@\t20\t7\t4242424\tnan\t1\t1',
+            b'@',
+            b'@' * (MAX_RECORD_BYTES + 1),
+        )
+    ],
+}
+"""Records and lines without a number, time or transponder, or of a length that none has."""
 
 
 @pytest.mark.parametrize(
-    'line',
-    [
-        b'@\t20\t7\t4242424',
-        b'@\t20\t7\t4242424\t123',
-        b'@\t20\t7\tname\t123.456',
-        b'@\t20\t7\t4242424\t-1.000',
-        b'@\t20\t7\t4242424\tnan\t1\t1',
-        b'@',
-        b'@' * (MAX_RECORD_BYTES + 1),
-    ],
+    ('kind', 'sent'), [(kind, sent) for kind, each in NO_PASSING.items() for sent in each]
 )
-def test_a_line_that_is_no_passing_is_refused_once(line: bytes) -> None:
-    (refused,) = DECODERS['ilap']().feed(b'\x01' + line + b'\r\n')
+def test_what_is_no_passing_is_refused_once(kind: str, sent: bytes) -> None:
+    (refused,) = DECODERS[kind]().feed(sent)
     assert isinstance(refused, Refused)
 
 

@@ -96,17 +96,15 @@ def test_a_row_has_what_the_timekeeper_says_of_a_kart() -> None:
     )
 
 
-def test_a_gap_is_in_laps_or_in_seconds_and_in_practice_between_best_laps() -> None:
-    results = race(result(7, 1, 40.0, 40.0), result(3, 2, 41.0, 42.5), result(5, 3, 39.0))
-    assert cell(results, 3, 'GAP') == '+3.500'
-    assert cell(results, 5, 'GAP') == '+1 lap'
+def test_a_gap_is_in_laps_or_seconds_in_practice_between_best_laps_and_none_without_a_place() -> (
+    None
+):
+    out = result(9, 0, 41.0, status=Status.DNF)
+    results = race(result(7, 1, 40.0, 40.0), result(3, 2, 41.0, 42.5), result(5, 3, 39.0), out)
+    assert [cell(results, kart, 'GAP') for kart in (3, 5, 9)] == ['+3.500', '+1 lap', '']
+    assert cell(results, 9, 'STATUS') == 'did not finish'
     practice = race(result(5, 1, 39.0), result(7, 2, 41.0, 40.0), format=Format.PRACTICE)
     assert cell(practice, 7, 'GAP') == '+1.000'
-
-
-def test_a_kart_without_a_place_has_no_gap() -> None:
-    results = race(result(7, 1, 40.0), result(3, 0, 41.0, status=Status.DNF))
-    assert (cell(results, 3, 'GAP'), cell(results, 3, 'STATUS')) == ('', 'did not finish')
 
 
 def test_a_penalty_is_told_with_its_reason() -> None:
@@ -138,7 +136,8 @@ def test_crossings_are_newest_first_each_with_the_lap_that_it_ended() -> None:
         result(3, 2, 43.0),
         passings=(seen(3, 1), *(seen(7, number) for number in (2, 3, 4, 5)), seen(3, 6)),
     )
-    assert [(each.at, each.kart, each.text) for each in view.crossings(results)] == [
+    found = [*view.crossings(results)]
+    assert [(each.at, each.kart, each.text) for each in found] == [
         ('6:00.0', '3', 'lap 1, 0:43.000'),
         ('5:00.0', '7', 'lap 3, 0:42.000: finish'),
         ('4:00.0', '7', 'lap 2, 0:41.000'),
@@ -146,12 +145,9 @@ def test_crossings_are_newest_first_each_with_the_lap_that_it_ended() -> None:
         ('2:00.0', '7', 'starts lap 1'),
         ('1:00.0', '3', 'starts lap 1'),
     ]
-
-
-def test_where_only_the_last_passings_are_there_they_are_still_of_the_last_laps() -> None:
-    results = race(result(7, 1, 40.0, 41.0, 42.0), passings=(seen(7, 3), seen(7, 4)))
-    texts = [each.text for each in view.crossings(results)]
-    assert texts == ['lap 3, 0:42.000: finish', 'lap 2, 0:41.000']
+    # Also where only the last passings are there, they are of the last laps.
+    last = results._replace(passings=results.passings[-3:])
+    assert [*view.crossings(last)] == found[:3]
 
 
 def test_what_does_not_count_ends_no_lap_and_says_why() -> None:
