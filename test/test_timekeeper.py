@@ -26,7 +26,7 @@ from evgp_rcs.record.timing import entries
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.part import Part
 from evgp_testing.process import Process
-from evgp_testing.race_control import write_roster
+from evgp_testing.race_control import Timekeeper, write_roster
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_race import WireRace
 from evgp_timing import timekeeper
@@ -138,13 +138,8 @@ class Event(Part):
 
     def start_timekeeper(self, clock_tolerance: float = 9.0) -> Process:
         """Start a timekeeper with the book of the one before."""
-        given = {
-            'roster': self._folder / 'karts.yaml',
-            'book': self.book,
-            'min_lap_time': 1.0,
-            'clock_tolerance': clock_tolerance,
-        }
-        return self._stack.enter_context(Process('evgp_timing', 'timekeeper', self.domain, given))
+        given = {'min_lap_time': 1.0, 'clock_tolerance': clock_tolerance}
+        return self._stack.enter_context(Timekeeper(self._folder, self.domain, given))
 
     def bring_to(self, state: RaceState) -> None:
         """Bring the race to a state, with the heat in it."""
@@ -338,12 +333,9 @@ class Teller(RosSide):
 
     def tell(self, after: int, *events: msg.RaceEvent) -> None:
         for number, each in enumerate(events, after + 1):
-            each.sequence, each.race, each.monotonic = number, 1, self._now()
+            each.sequence, each.race = number, 1
+            each.monotonic = Duration(sec=int(clock.now()))
         self._events.publish(msg.RaceEvents(run='a run', events=events))
-
-    @staticmethod
-    def _now() -> Duration:
-        return Duration(sec=int(clock.now()))
 
 
 def test_lost_events_are_told_but_none_of_before_a_restart_and_its_book_serves_no_second_one(
