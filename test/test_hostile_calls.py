@@ -328,23 +328,6 @@ class Broken(RosSide):
         raise ArithmeticError('broken')
 
 
-def test_a_service_of_ours_that_raises_answers_no_and_says_what_to_do(
-    parts: contextlib.ExitStack,
-    domain: int,
-    join_hostile: Callable[[int], Hostile],
-    capfd: pytest.CaptureFixture[str],
-) -> None:
-    broken = parts.enter_context(Broken(domain))
-    hostile = join_hostile(domain)
-
-    for _ in range(2):
-        answer: Any = hostile.request(hostile.client('/broken/call', Trigger), Trigger.Request())
-        assert not answer.success
-        assert 'USE THE MSR' in answer.message
-    assert not broken.failures
-    assert 'ArithmeticError: broken' in capfd.readouterr().err
-
-
 @pytest.mark.parametrize(
     ('name', 'said'),
     [
@@ -352,7 +335,7 @@ def test_a_service_of_ours_that_raises_answers_no_and_says_what_to_do(
         ('unsendable', 'The answer of ~/unsendable could not be sent'),
     ],
 )
-def test_a_call_that_cannot_be_read_or_answered_is_dropped_and_locks_no_other_callback(
+def test_a_call_that_raises_is_refused_and_one_that_cannot_be_read_or_answered_is_dropped(
     parts: contextlib.ExitStack,
     domain: int,
     join_hostile: Callable[[int], Hostile],
@@ -362,38 +345,39 @@ def test_a_call_that_cannot_be_read_or_answered_is_dropped_and_locks_no_other_ca
 ) -> None:
     broken = parts.enter_context(Broken(domain))
     hostile = join_hostile(domain)
-    dropped = hostile.client(f'/broken/{name}', Trigger)
-    assert dropped.wait_for_service(hostile.timeout)
+    dropped, raises = (hostile.client(f'/broken/{each}', Trigger) for each in (name, 'call'))
 
-    for _ in range(2):
+    for _ in range(3):
         dropped.call_async(Trigger.Request())
-        hostile.request(hostile.client('/broken/call', Trigger), Trigger.Request())
+        answer: Any = hostile.request(raises, Trigger.Request())
+        assert not answer.success
+        assert 'USE THE MSR' in answer.message
 
-    hostile.wait_until_polled(lambda: said in capfd.readouterr().err, 'the line that says so')
-    hostile.request(hostile.client('/broken/call', Trigger), Trigger.Request())
+    printed: list[str] = []
+    hostile.wait_until_polled(
+        lambda: printed.append(capfd.readouterr().err) or said in ''.join(printed),
+        'the line that says so',
+    )
+    assert 'ArithmeticError: broken' in ''.join(printed)
+    hostile.request(raises, Trigger.Request())
     assert not broken.failures
 
 
-def test_a_context_that_is_shut_down_under_the_spinning_is_a_failure() -> None:
-    with Domain() as domain:
-        broken = Broken(domain.number)
-        rclpy.shutdown(context=broken.context)
-        broken.wait_until_polled(lambda: broken.failures, 'the failure is told')
-
-        with pytest.raises(AssertionError, match=r'ExternalShutdown|not valid'):
-            broken.close()
-
-
+@pytest.mark.parametrize(
+    ('shut_down', 'said'), [(True, r'ExternalShutdown|not valid'), (False, 'broken')]
+)
 def test_a_failure_that_no_call_made_is_told_and_ends_the_spinning(
-    domain: int, join_hostile: Callable[[int], Hostile]
+    domain: int, join_hostile: Callable[[int], Hostile], shut_down: bool, said: str
 ) -> None:
     broken = Broken(domain)
-    hostile = join_hostile(domain)
-    publisher = hostile.node.create_publisher(Bool, '/broken/topic', 10)
+    publisher = join_hostile(domain).node.create_publisher(Bool, '/broken/topic', 10)
+    if shut_down:  # under the spinning
+        rclpy.shutdown(context=broken.context)
 
-    hostile.wait_until_polled(
-        lambda: publisher.publish(Bool()) or broken.failures, 'the failure is told'
+    broken.wait_until_polled(
+        lambda: (not shut_down and publisher.publish(Bool())) or broken.failures,
+        'the failure is told',
     )
 
-    with pytest.raises(AssertionError, match='broken'):
+    with pytest.raises(AssertionError, match=said):
         broken.close()
