@@ -400,8 +400,8 @@ def test_what_a_bridge_said_before_a_stack_began_does_not_start_it(
     idle_stack.wait_for_state(GREEN_GREEN)
     late = start_stack('late')
     # It may take Fast DDS a while to get over what such a stack did not ask for; the bridge keeps
-    # one message only. Until then it stands, too.
-    time.sleep(3.0)  # that time passes is itself what is awaited
+    # one message only.
+    late.wait_for_message(GREEN_GREEN)
     assert late.told == [RED_RED]
 
 
