@@ -36,13 +36,11 @@ class Findings:
     :ivar seen: the nodes of others, their services, and the topics that they publish or listen to.
     :ivar answered: the calls that were answered.
     :ivar heard: the topics on which something came.
-    :ivar after: when it found the first, since its start, seconds; None: nothing.
     """
 
     seen: list[str]
     answered: list[str]
     heard: list[str]
-    after: float | None
 
     @property
     def got_in(self) -> bool:
@@ -95,7 +93,7 @@ def look_around(seconds: float, *awaits: str) -> Findings:
     from std_msgs.msg import Bool
     from std_srvs.srv import SetBool
 
-    began = time.monotonic()
+    until = time.monotonic() + seconds
     rclpy.init()
     # Several may be in one graph; they are no finding.
     node = Node(f'foreign_{os.getpid()}')
@@ -119,8 +117,7 @@ def look_around(seconds: float, *awaits: str) -> Findings:
     race = node.create_publisher(msg.Race, '/rcs/race', latched(1))
     asked: set[str] = set()
     seen: set[str] = set()
-    after = None
-    while time.monotonic() < began + seconds:
+    while time.monotonic() < until:
         # In turns of their own: several hear each other, and would keep each other busy.
         turn = time.monotonic() + 0.2
         while (left := turn - time.monotonic()) > 0.0:
@@ -146,11 +143,9 @@ def look_around(seconds: float, *awaits: str) -> Findings:
                 client.call_async(request).add_done_callback(
                     lambda _, name=name: answered.add(name)
                 )
-        if after is None and (seen or answered or heard):
-            after = time.monotonic() - began
         if awaits and {*awaits} <= answered | heard and answered == asked:
             break
-    return Findings(sorted(seen), sorted(answered), sorted(heard), after)
+    return Findings(sorted(seen), sorted(answered), sorted(heard))
 
 
 def of_others(name: str) -> bool:
