@@ -505,29 +505,25 @@ def test_a_stack_stops_when_its_bridge_dies_or_hangs(start_race: StartRace) -> N
                 race.team.wait_for_state(IN_GARAGE)
 
 
-def test_a_bridge_that_fails_tells_its_stack_red_red_first(
-    start_race: StartRace, tmp_path: pathlib.Path
+@pytest.mark.parametrize(
+    ('fault', 'reason'),
+    [
+        (BridgeThatRaises, 'the bridge has ended'),
+        (BridgeThatHangs, "the bridge has not received its team's messages for 1 s"),
+    ],
+)
+def test_a_bridge_that_fails_or_does_not_hear_its_team_stops_the_kart(
+    fault: type, reason: str, start_race: StartRace, tmp_path: pathlib.Path
 ) -> None:
-    race = start_race(program=program_of(BridgeThatRaises, tmp_path))
+    race = start_race(program=program_of(fault, tmp_path))
     with start_stack(race.bridge.domain) as stack:
         race.drive(stack)
-        told = race.team.wait_for_state(RED_RED)
-        assert told.reason == 'the bridge has ended'
-        assert race.bridge.wait() == 1
-        assert 'LookupError: the fault' in race.bridge.output
-        race.team.wait_for_speed(lambda speed: speed == 0.0)
-
-
-def test_a_bridge_that_does_not_hear_its_team_stops_the_kart(
-    start_race: StartRace, tmp_path: pathlib.Path
-) -> None:
-    race = start_race(program=program_of(BridgeThatHangs, tmp_path))
-    with start_stack(race.bridge.domain) as stack:
-        race.drive(stack)
-        told = race.team.wait_for_state(RED_RED)
-        assert "the bridge has not received its team's messages for 1 s" in told.reason
+        assert reason in race.team.wait_for_state(RED_RED).reason
         race.team.wait_for_stop(True)
         race.team.wait_for_speed(lambda speed: speed == 0.0)
+        if fault is BridgeThatRaises:
+            assert race.bridge.wait() == 1
+            assert 'LookupError: the fault' in race.bridge.output
         race.bridge.kill()
 
 
