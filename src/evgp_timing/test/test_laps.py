@@ -403,27 +403,26 @@ def test_nobody_asks_who_crossed_while_an_official_may_still_press() -> None:
 # ----- bounds -------------------------------------------------------------------------------
 
 
-def test_what_is_too_many_in_a_second_is_counted_told_and_not_kept() -> None:
-    flood = [Passing('line', 's', number, 1) for number in range(1, 1001)]
-    flooded = race().take(flood, GREEN + 1.0)
-    laps = flooded.take([Passing('line', 's', 2000, 2)], GREEN + 2.0)
-
-    assert len(flooded.crossings) == MAX_RATE
-    assert laps.over == {'line': 1000 - MAX_RATE}
-    assert str(1000 - MAX_RATE) in laps.trouble(GREEN)
-    assert laps.crossings[-1].mark is Mark.COUNTED
-
-
-def test_what_is_too_many_in_a_race_is_counted_and_another_source_is_heard() -> None:
-    laps = race()
-    for second in range(MOST_A_RACE // MAX_RATE + 1):
-        numbers = range(second * MAX_RATE, (second + 1) * MAX_RATE)
-        flood = [Passing('line', 's', number, 9) for number in numbers]
+@pytest.mark.parametrize(
+    ('seconds', 'in_each', 'over', 'source'),
+    [
+        pytest.param(1, 1000, 1000 - MAX_RATE, 'line', id='in a second'),
+        pytest.param(MOST_A_RACE // MAX_RATE + 1, MAX_RATE, MAX_RATE, 'beam', id='in a race'),
+    ],
+)
+def test_what_is_too_many_is_counted_told_and_not_kept_and_what_is_not_is_heard(
+    seconds: int, in_each: int, over: int, source: str
+) -> None:
+    laps, numbers = race(), itertools.count(1)
+    for second in range(seconds):
+        flood = [Passing('line', 's', next(numbers), 9) for _ in range(in_each)]
         laps = laps.take(flood, GREEN + second + 1.0)
-    laps = laps.take([Passing('beam', 's', 1, 1)], GREEN + 2000.0)
+    assert len(laps.crossings) == seconds * in_each - over
+    assert laps.over == {'line': over}
+    assert str(over) in laps.trouble(GREEN)
+    laps = laps.take([Passing(source, 's', next(numbers), 1)], GREEN + 2000.0)
 
-    assert laps.over == {'line': MAX_RATE}
-    assert laps.crossings[-1].passing.source == 'beam'
+    assert laps.crossings[-1].passing.source == source
     assert laps.crossings[-1].mark is Mark.COUNTED
 
 
