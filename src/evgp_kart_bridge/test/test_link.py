@@ -295,26 +295,23 @@ def test_race_control_that_does_not_read_is_lost(race_control: RaceControl) -> N
     running.wait_for(lambda verdict: "does not read the kart's replies" in verdict.reason)
 
 
-def test_the_end_closes_the_connection(race_control: RaceControl) -> None:
-    running = race_control.start_link()
-    connection = race_control.accept()
-    running.link.stop()
-    assert is_over(connection)
-    assert not running.failures
-    with pytest.raises(LinkClosedError):
-        running.acknowledge(RED_RED)
-
-
-def test_a_fault_ends_the_link_and_nothing_is_told_any_more(race_control: RaceControl) -> None:
+@pytest.mark.parametrize('fails', [False, True])
+def test_the_end_and_a_fault_close_the_connection_and_nothing_is_told_any_more(
+    race_control: RaceControl, fails: bool
+) -> None:
     running = race_control.start_link()
     connection = race_control.accept()
 
     def break_it(arbiter: Arbiter, now: float) -> Reaction:
         raise ZeroDivisionError
 
-    given = running.link.give(break_it)
-    assert isinstance(given.exception(PATIENCE), ZeroDivisionError)
-    assert isinstance(running.wait_for_failure(), ZeroDivisionError)
+    if fails:
+        given = running.link.give(break_it)
+        assert isinstance(given.exception(PATIENCE), ZeroDivisionError)
+        assert isinstance(running.wait_for_failure(), ZeroDivisionError)
+    else:
+        running.link.stop()
+        assert not running.failures
     assert is_over(connection)
     with pytest.raises(LinkClosedError):
         running.acknowledge(RED_RED)
