@@ -145,6 +145,7 @@ def test_crossings_are_newest_first_each_with_the_lap_that_it_ended() -> None:
         ('2:00.0', '7', 'starts lap 1'),
         ('1:00.0', '3', 'starts lap 1'),
     ]
+    assert str(found[4]) == 'Kart 7 at 2:00.0: starts lap 1 (line 2)'  # as a dialog names it
     # Also where only the last passings are there, they are of the last laps.
     last = results._replace(passings=results.passings[-3:])
     assert [*view.crossings(last)] == found[:3]
@@ -172,11 +173,6 @@ def test_what_does_not_count_ends_no_lap_and_says_why() -> None:
         ('7', 'struck: seen twice (Ben)', Act.RESTORE),
         ('7', 'starts lap 1', Act.STRIKE),
     ]
-
-
-def test_a_dialog_names_the_crossing() -> None:
-    (crossing,) = view.crossings(race(result(7, 0), passings=(seen(7, 1),)))
-    assert str(crossing) == 'Kart 7 at 1:00.0: starts lap 1 (line 1)'
 
 
 def test_the_header_says_which_race_it_is_and_whether_its_results_are_published() -> None:
