@@ -92,17 +92,6 @@ def test_without_timing_the_order_is_that_of_the_finish_and_the_results_remain()
     assert 'out of date' not in view.results(timed)['sub']
 
 
-def test_a_kart_in_the_garage_is_not_in_its_last_lap() -> None:
-    counted = results(result(3, 1, 1, 40.0, lap_times=(40.0,)))._replace(laps=2)
-
-    def note(sent: S) -> str:
-        (row,) = view.board(Heard(race(kart(3, sent)), counted))['rows']
-        return str(row['note'])
-
-    assert note(S.GREEN_GREEN) == 'last lap'
-    assert note(S.IN_GARAGE) == 'in the garage'
-
-
 def test_results_are_official_only_once_the_timekeeper_has_published_them() -> None:
     counted = results(result(3, 1, 6, 245.0))
     for published, word, other in (
@@ -138,18 +127,22 @@ def test_the_results_of_the_heat_before_are_not_those_of_this_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ('fields', 'stands'),
+    ('sent', 'fields', 'note'),
     [
-        ({'stands': True}, True),
-        ({}, False),
-        ({'stands': True, 'connected': False}, False),
+        (S.GREEN_GREEN, {}, 'last lap'),
+        (S.IN_GARAGE, {}, 'in the garage'),
+        (S.RED_RED, {'stands': True}, 'stopped'),
+        (S.RED_RED, {}, 'stopping'),
+        (S.RED_RED, {'stands': True, 'connected': False}, 'no link'),
     ],
 )
-def test_a_kart_has_stopped_only_if_race_control_counts_it_as_standing(
-    fields: dict[str, bool], stands: bool
+def test_a_row_notes_a_stop_only_of_a_kart_that_stands_and_a_last_lap_only_on_the_track(
+    sent: S, fields: dict[str, bool], note: str
 ) -> None:
-    (row,) = view.board(Heard(race(kart(7, S.RED_RED, **fields), is_in=S.RED_RED)))['rows']
-    assert (row['note'] == 'stopped') is stands
+    counted = results(result(7, 1, 1, 40.0, lap_times=(40.0,)))._replace(laps=2)
+    is_in = sent if sent.is_red else S.GREEN_GREEN
+    (row,) = view.board(Heard(race(kart(7, sent, **fields), is_in=is_in), counted))['rows']
+    assert row['note'] == note
 
 
 def test_no_page_shows_an_official_an_address_or_that_humans_may_enter() -> None:
