@@ -128,7 +128,8 @@ half_open | red half_open | Nothing is sent to a kart that stands.
 dwell | dwells garage grid close green | Each state is sent for some time to a kart that stands,
     and then its connection is closed; after GRID_ACTIVE, GREEN_GREEN follows.
 red_green | DRIVE brake:RED_RED green_again garage | A drive; GREEN_GREEN while RED_RED brakes.
-bridge | DRIVE kill stay:dwell | A drive; the program that is connected to race control is killed.
+bridge | DRIVE kill stay:dwell back | A drive; the program that is connected to race control is
+    killed. It can connect again only after some time, and is then sent GREEN_GREEN.
 stack | DRIVE kill stay:dwell | A drive; the program that commands the motors is killed, and
     GREEN_GREEN is sent for some time.
 """
@@ -503,7 +504,7 @@ class KartScript:
             await self._until(lambda: killing.done() or ended(), limits.connect + limits.answer)
             # The connection ends now or never.
             if part == 'bridge' and await self._until(ended, limits.slack):
-                self.wire.send(NOTHING)  # not even on a new connection
+                self.wire.go_away()  # until it is known what the kart does without its bridge
             done = await killing
         finally:
             killing.cancel()

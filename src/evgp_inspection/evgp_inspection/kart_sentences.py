@@ -77,7 +77,7 @@ K-3E-07 nothing but malformed bytes: stops | noise | red_red
     frame, it stops.
 K-3E-08 RED_RED on a new connection: not acknowledged before it stands | cut
     wire: Send it only once it is **true**, because people then walk onto the track.
-K-3E-09 its program for race control is killed: stops | bridge | red_red
+K-3E-09 its program for race control is killed: stops and stays | bridge | red_red
     If a kart has disconnected (as described in Connection status) during the race, the kart shall
     immediately enter the RED_RED state.
 K-3E-10 its program that drives is killed: stops | stack | red_red

@@ -116,6 +116,7 @@ UNARMED = {
     'silent': 'K-3E-02',
     'malformed': 'K-3E-02',
     'away': 'K-3E-06',
+    'bridge': 'K-3E-09',
 }
 """Clauses that a kart breaks by obeying GREEN_GREEN after one of these. After any other loss, it
 breaks `K-3E-05`."""
@@ -346,7 +347,8 @@ class Oracle:
         elif event.kind in (Kind.CLOSED, Kind.ENDED):
             self._take_end(event)
         elif event.kind is Kind.BACK:
-            self._expect_link('back', at)
+            if self._since != 'bridge':  # a killed bridge need not be started again
+                self._expect_link('back', at)
         elif event.kind is Kind.SILENT:
             self._silent, self._silent_at = event.text, at
             self._expect_link(event.text, at)

@@ -388,8 +388,8 @@ K-3A-16 | ignores RED_FLAG at first | wants k.speed if k.obeyed is RED_FLAG and 
 K-3A-16 | speeds up when RED_FLAG comes |
     wants 2 * TOP if k.obeyed is RED_FLAG and k.since < 0.8 and k.speed > 0.0;
     speeds_up ACCELERATION / 5 if k.obeyed is RED_FLAG
-K-3B-01 K-3A-09 K-3B-02 K-3B-03 K-3B-04 K-3E-02 K-3E-05 K-3E-06 | obeys every GREEN_GREEN |
-    may_drive True
+K-3B-01 K-3A-09 K-3B-02 K-3B-03 K-3B-04 K-3E-02 K-3E-05 K-3E-06 K-3E-09 |
+    obeys every GREEN_GREEN | may_drive True
 K-3B-01 | IN_GARAGE does not disarm it |
     stays_armed True if IN_GARAGE in (k.before, k.commanded)
 K-3B-02 K-3A-09 | RED_RED does not disarm it |
@@ -409,7 +409,7 @@ K-3E-03 | drives on after RST | wants TOP if k.lost(GREEN_GREEN, 'reset')
 K-3E-04 | does not notice a half-close | in_turns True; on_end k.say(b' ')
 K-3E-05 K-3E-06 | a lost connection does not disarm it |
     stays_armed_on_new_link k.losses[-1] in ('closed', 'reset')
-K-3E-06 | a race control that is away arms it |
+K-3E-06 K-3E-09 | a race control that is away arms it |
     stays_armed_on_new_link k.losses[-1] == 'refused'
 K-3E-06 | drives off long after race control went away |
     wants 0.5 if k.link is None and k.now - k.heard_at > k.long_after
@@ -417,6 +417,8 @@ K-3E-07 | takes malformed bytes for life | on_malformed setattr(k, 'heard_at', k
 K-3E-08 | acknowledges RED_RED on a new connection while it rolls |
     reached True if x is RED_RED and k.orders == 1
 K-3E-09 | drives on without its bridge | wants TOP if k.lost(GREEN_GREEN, 'killed')
+K-3E-09 | is armed by what its dead bridge left on the disk |
+    stays_armed_on_new_link 'killed' in k.losses
 K-3E-10 | drives on without its stack | base_wants TOP
 K-3E-10 | drives on when its stack is started again |
     stack_is_dead False if k.died_at and k.now - k.died_at > k.long_after
