@@ -11,7 +11,7 @@ from evgp_inspection.oracle import BY_EYE
 from evgp_inspection.verdicts import Clause
 
 _TABLE = """
-K-3A-01 IN_GARAGE: does not move on its own | connect race dwell
+K-3A-01 IN_GARAGE: does not move on its own | connect race dwell rolling
     IN_GARAGE: The kart is not currently driving in the Race.
 K-3A-02 GRID_ACTIVE: acknowledged when ready | race malformed | grid
     When ready to race, karts must reply with $GRID_ACTIVE; message to the RCS.
@@ -31,11 +31,11 @@ K-3A-08 RED_FLAG: remains stopped | race dwell
 K-3A-09 RED_RED: acknowledged once it stands | race first red | red_red
     Karts should reply with a $RED_RED; message after coming to a complete stop (Nominal speed of
     0.0).
-K-3A-10 RED_RED: not acknowledged before it stands | red
+K-3A-10 RED_RED: not acknowledged before it stands | red early
     wire: Send it only once it is **true**, because people then walk onto the track.
-K-3A-11 GRID_ACTIVE: acknowledged every time | again | grid
+K-3A-11 GRID_ACTIVE: acknowledged every time | again malformed | grid
     wire: It is valid until the next command.
-K-3A-12 RED_RED while RED_FLAG brakes: not acknowledged before it stands | flag_red
+K-3A-12 RED_RED while RED_FLAG brakes: not acknowledged before it stands | flag_red red
     wire: Send it only once it is **true**, because people then walk onto the track.
 K-3A-13 RED_RED: brakes harder than for RED_FLAG | red race flag_red
     RED_RED: The kart must immediately stop as quickly as possible.
@@ -43,7 +43,7 @@ K-3A-14 RED_RED: brakes at once, whenever it comes | early random long | red_red
     RED_RED: The kart must immediately stop as quickly as possible.
 K-3A-15 RED_RED: remains stopped | race first dwell
     The kart should remain stopped once it has stopped moving
-K-3A-16 RED_FLAG: slows down to a stop, whenever it comes | race random | red_flag
+K-3A-16 RED_FLAG: slows down to a stop, whenever it comes | race early_flag random | red_flag
     RED_FLAG: The kart should begin slowing down to a stop while continuing to steer to avoid
     obstacles.
 K-3B-01 GREEN_GREEN without GRID_ACTIVE: stands | alone
@@ -59,7 +59,7 @@ K-3C-01 connection closed: stops | fin | red_red
     to prevent the kart from automatically starting up.
 K-3E-01 silence: stops | silence | red_red
     wire: nothing for **1 s**, or the connection is gone
-K-3E-02 after silence: GREEN_GREEN does not start it | silence
+K-3E-02 after silence: GREEN_GREEN does not start it | silence grid
     If a kart has disconnected (as described in Connection status) during the race, the kart shall
     immediately enter the RED_RED state.
 K-3E-03 connection reset: stops | reset | red_red
@@ -75,14 +75,14 @@ K-3E-06 race control restarted in mid-race: never moves on its own | restart
 K-3E-07 nothing but malformed bytes: stops | noise | red_red
     wire: For a kart, malformed bytes are the same as silence: after 1 s without a whole, correct
     frame, it stops.
-K-3E-08 RED_RED on a new connection: not acknowledged before it stands | cut
+K-3E-08 RED_RED on a new connection: not acknowledged before it stands | cut red
     wire: Send it only once it is **true**, because people then walk onto the track.
 K-3E-09 its program for race control is killed: stops and stays | bridge | red_red
     If a kart has disconnected (as described in Connection status) during the race, the kart shall
     immediately enter the RED_RED state.
 K-3E-10 its program that drives is killed: stops | stack | red_red
     wire: must brake if this program ends.
-K-3E-11 lost while a red brakes: brakes as for RED_RED | flag_lost flag_silence red_lost | red_red
+K-3E-11 lost while braking: brakes as for RED_RED | flag_lost flag_silence red_lost red | red_red
     If a kart has disconnected (as described in Connection status) during the race, the kart shall
     immediately enter the RED_RED state.
 K-4A-01 connects | connect | connect
@@ -133,7 +133,7 @@ K-4D-04 connects again after silence (half-open connection) | half_open | reconn
 K-4D-05 connects again when race control was restarted | restart | reconnect
     wire: After a lost connection, stop the kart, then reconnect with half a second between
     attempts.
-K-4D-06 acknowledges again on a new connection | fin | red_red
+K-4D-06 acknowledges again on a new connection | flag_lost red_lost | red_red
     wire: After a lost connection, acknowledge again.
 """
 """The name and title of each clause, the steps that show it (the best one first, or none if all

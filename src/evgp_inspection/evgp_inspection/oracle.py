@@ -754,13 +754,15 @@ class Oracle:
             if each.law in (Law.FLAG, Law.LOST) or each.stops == BRAKES[RED_RED]
             if each.stops != LOSSES['stack']
         ]
-        hardest = [_braking(each, self._limits) for each in reds]
-        fastest = max((each[0][1] for each in hardest), default=0.0)
+        hardest = [(each, _braking(each, self._limits)) for each in reds]
+        fastest = max((speeds[0][1] for _, speeds in hardest), default=0.0)
         for stop in stops:
             speeds = _braking(stop, self._limits)
             top = min(max(speed for _, speed in speeds), fastest)
             took = _falling(speeds, top)
-            fell = [(_falling(each, top), _apart(each, 0.2 * top)) for each in hardest]
+            # A weak stop does not count for the yardstick that it is measured by.
+            others = [other for each, other in hardest if each is not stop]
+            fell = [(_falling(each, top), _apart(each, 0.2 * top)) for each in others]
             hard = [(seconds, gap) for seconds, gap in fell if seconds is not None]
             gentle = stop.law is Law.FLAG
             if took is None or not hard or not (gentle or top >= COMPARED * fastest):

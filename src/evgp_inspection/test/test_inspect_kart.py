@@ -91,6 +91,12 @@ def test_a_fault_is_found_by_the_sentence_that_it_breaks(fault: str) -> None:
     assert failed <= {*BREAKS[fault]}
 
 
+@pytest.mark.parametrize('fault', FAULTS)
+def test_the_steps_of_a_clause_alone_find_a_kart_that_breaks_it(fault: str) -> None:
+    inspection = OneInspection(fault, only=FAULTS[fault]).inspect()
+    assert FAULTS[fault] in those(inspection, Verdict.FAIL)
+
+
 @pytest.mark.parametrize('fault', SEVEN)
 def test_a_dangerous_kart_is_found_with_the_limits_of_real_inspections(fault: str) -> None:
     inspection = OneInspection(fault, limits=FULL, steps=SEVEN[fault], long_after=7.0).inspect()

@@ -112,6 +112,10 @@ def test_every_clause_has_a_name_of_its_own_and_steps_and_limits_that_exist() ->
         assert clause.name in clause.explain({name: step.done for name, step in STEPS.items()})
 
 
+def test_every_step_is_one_that_a_clause_needs() -> None:
+    assert {step for clause in KART for step in clause.steps} == {*STEPS}
+
+
 def test_a_sentence_of_a_document_is_in_it() -> None:
     for clause in BY_NAME.values():
         if clause.source != 'proposal':
