@@ -177,6 +177,7 @@ async def _with_the_word(
     stopping = stopped_by_signals()
     with contextlib.ExitStack() as stack:
         inspector = Unattended() if options.unattended else AtTerminal(stopping)
+        odometry = functools.partial(listen, options.odometry, tell=inspector.tell)
         stack.enter_context(contextlib.closing(inspector))
         if isinstance(inspector, AtTerminal):
             stack.enter_context(inspector.reading())
@@ -191,7 +192,7 @@ async def _with_the_word(
             host=options.listen,
             port=options.port,
             kart_address=options.kart_address,
-            odometry=functools.partial(listen, options.odometry) if options.odometry else None,
+            odometry=odometry if options.odometry else None,
             kills=_kills(options, inspector, limits),
             steps=RACE_STEPS if options.race else (),
             listening=lambda port: inspector.tell(

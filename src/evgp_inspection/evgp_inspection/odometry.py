@@ -13,28 +13,36 @@ import math
 import threading
 from typing import Any
 
+from evgp_inspection.traces import printable
+
 Take = Callable[[float], None]
 
 
 class Datagrams(asyncio.DatagramProtocol):
     """Reads UDP datagrams, each of which is a speed in m/s, as text."""
 
-    def __init__(self, take: Take) -> None:
-        self._take = take
+    def __init__(self, take: Take, tell: Callable[[str], object]) -> None:
+        self._take, self._tell = take, tell
 
     def datagram_received(self, data: bytes, address: object) -> None:
         try:
             speed = abs(float(data))
         except ValueError:
+            what = printable(data)
+            self._tell(
+                f'  !  Ignored odometry: a datagram must be one speed in m/s, not "{what}".'
+            )
+            self._tell = lambda line: None
             return
         self._take(speed)
 
 
-async def listen(source: str, take: Take) -> Callable[[], None]:
+async def listen(source: str, take: Take, tell: Callable[[str], object]) -> Callable[[], None]:
     """
     Start to read speeds from a source, in the running loop.
 
     :param source: ``udp:PORT``, ``udp:ADDRESS:PORT`` or ``ros:TOPIC``.
+    :param tell: called with a sentence about the first datagram that is not a speed.
     :return: a function that ends the reading.
     :raises OSError: if the source cannot be used.
     :raises ValueError: if this is not a source.
@@ -52,7 +60,7 @@ async def listen(source: str, take: Take) -> Callable[[], None]:
     if not (source.startswith('udp:') and port.isdecimal()):
         raise ValueError(f'--odometry {source} is neither udp:[ADDRESS:]PORT nor ros:/TOPIC')
     transport, _ = await loop.create_datagram_endpoint(
-        lambda: Datagrams(take), (address or '127.0.0.1', int(port))
+        lambda: Datagrams(take, tell), (address or '127.0.0.1', int(port))
     )
     return transport.close
 

@@ -215,11 +215,14 @@ def test_a_kart_that_never_comes_is_not_judged() -> None:
     assert 'K-4A-01' in those(inspection, Verdict.FAIL)
 
 
-def test_odometry_goes_on_after_bytes_that_are_no_speed() -> None:
+def test_odometry_goes_on_after_bytes_that_are_no_speed_and_the_first_of_these_are_shown() -> None:
     speeds: list[float] = []
-    for data in (b'0.5\n', b'\xff\xfe 1', b'1 2', b'', b'-1.5'):
-        Datagrams(speeds.append).datagram_received(data, None)
+    told: list[str] = []
+    datagrams = Datagrams(speeds.append, told.append)
+    for data in (b'0.5\n', b'1 2', b'\xff\xfe 1', b'', b'-1.5'):
+        datagrams.datagram_received(data, None)
     assert speeds == [0.5, 1.5]
+    assert [line[-6:] for line in told] == ['"1 2".']
 
 
 def test_odometry_from_ros_where_there_is_no_ros_says_what_to_do() -> None:
