@@ -93,12 +93,10 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
         default='',
         help=f'"{WORD}" states that the wheels are off the ground, and the MSR in hand',
     )
-    Limits.add_to(parser)
-    options = parser.parse_args(arguments)
+    options, limits = Limits.parse(parser, arguments)
+    seed = limits.seed or random.randrange(1, 1_000_000)  # noqa: S311 - no secret
+    limits = dataclasses.replace(limits, seed=seed)
     try:
-        limits = Limits.taken_from(options)
-        seed = limits.seed or random.randrange(1, 1_000_000)  # noqa: S311 - no secret
-        limits = dataclasses.replace(limits, seed=seed)
         clauses = select(KART, options.only)
         if options.race:
             clauses = tuple(c for c in clauses if not c.steps or c.steps[0] in RACE_STEPS)

@@ -10,6 +10,7 @@ Each limit is an option of the command line, and every report lists the limits u
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 import dataclasses
 import math
 from typing import TypeVar
@@ -42,10 +43,15 @@ class _Limits:
                 raise ValueError(f'{field.name} must be a finite number above 0, not {value!r}')
 
     @classmethod
-    def add_to(cls, parser: argparse.ArgumentParser) -> None:
-        """Add an option for each limit to a command line."""
+    def parse(
+        cls: type[AnyLimits],
+        parser: argparse.ArgumentParser,
+        arguments: Sequence[str] | None,
+    ) -> tuple[argparse.Namespace, AnyLimits]:
+        """Add an option for each limit to a command line; return the options and the limits."""
         group = parser.add_argument_group('limits, in seconds unless stated otherwise')
-        for field in dataclasses.fields(cls):  # type: ignore[arg-type]
+        fields = dataclasses.fields(cls)  # type: ignore[arg-type]
+        for field in fields:
             group.add_argument(
                 f'--{field.name.replace("_", "-")}',
                 type=float,
@@ -53,16 +59,11 @@ class _Limits:
                 metavar='X',
                 help=f'{field.metadata["meaning"]} (%(default)s)',
             )
-
-    @classmethod
-    def taken_from(cls: type[AnyLimits], options: argparse.Namespace) -> AnyLimits:
-        """
-        Return the limits from a command line.
-
-        :raises ValueError: if a value is not possible.
-        """
-        names = [field.name for field in dataclasses.fields(cls)]  # type: ignore[arg-type]
-        return cls(**{name: getattr(options, name) for name in names})
+        options = parser.parse_args(arguments)
+        try:
+            return options, cls(**{field.name: getattr(options, field.name) for field in fields})
+        except ValueError as error:
+            parser.error(str(error))
 
 
 @dataclasses.dataclass(frozen=True)

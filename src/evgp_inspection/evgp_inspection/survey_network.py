@@ -244,12 +244,7 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
         help='folder for the text and JSON report (%(default)s); if empty, there is no report',
     )
     add('--version', action='version', version=VERSION)
-    SurveyLimits.add_to(parser)
-    options = parser.parse_args(arguments)
-    try:
-        limits = SurveyLimits.taken_from(options)
-    except ValueError as error:
-        parser.error(str(error))
+    options, limits = SurveyLimits.parse(parser, arguments)
     try:
         report = run(_survey(options, limits))
     except (OSError, OverflowError) as error:  # OverflowError: a port above 65535
