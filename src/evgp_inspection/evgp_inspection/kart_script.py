@@ -184,6 +184,7 @@ class KartScript:
 
     def __post_init__(self) -> None:
         self._oracle, self._trace = self.recording.oracle, self.recording.trace
+        self._until = self.recording.until
 
     async def run(self, wanted: Collection[str]) -> str:
         """
@@ -237,9 +238,6 @@ class KartScript:
             yield ('garage', 'grid', f'start:{delay}', *stop.split())
 
     # ----- what the acts are made of --------------------------------------------------------
-
-    async def _until(self, found: Callable[[], object], seconds: float) -> bool:
-        return await self.recording.until(found, seconds)
 
     async def _pass(self, seconds: float) -> None:
         """Let time pass while everything is recorded."""
@@ -321,7 +319,8 @@ class KartScript:
 
     async def _quiet(self) -> None:
         short = 0.4 * self.limits.silence  # too short to count as silence
-        await self._until(lambda: self._trace.events[-1].kind is Kind.SAID, short)
+        said = len(self._trace.said)
+        await self._until(lambda: len(self._trace.said) > said, short)
 
     async def _garage(self) -> None:
         self.wire.order(IN_GARAGE)

@@ -37,7 +37,7 @@ class Recording:
         self.trace = self.oracle.trace
         self._loop = asyncio.get_running_loop()
         self._began = self._loop.time()
-        self._waiting: dict[asyncio.Future[None], Callable[[], object]] = {}  # for what
+        self._noted = asyncio.Event()
 
     @property
     def now(self) -> float:
@@ -54,32 +54,20 @@ class Recording:
     ) -> None:
         """Record an event with the current time."""
         self.oracle.take(Event(self.now, kind, link, data, text, value, unread))
-        for future, found in self._waiting.items():
-            if found():
-                _wake(future)
+        self._noted.set()
 
     async def until(self, found: Callable[[], object], seconds: float) -> bool:
         """Wait until `found` is true, but no longer than this; return whether it became true."""
         deadline = self._loop.time() + seconds
         while not found():
-            left = deadline - self._loop.time()
-            if left <= 0:
+            if self._loop.time() >= deadline:
                 return False
-            # No asyncio.wait, because it returns a few turns later, when another phase may run.
-            future = self._loop.create_future()
-            self._waiting[future] = found
-            timer = self._loop.call_later(left, _wake, future)
-            try:
-                await future
-            finally:
-                timer.cancel()
-                del self._waiting[future]
+            # No asyncio.wait_for: it returns a few turns later, when another phase may run.
+            self._noted.clear()
+            timer = self._loop.call_at(deadline, self._noted.set)
+            await self._noted.wait()
+            timer.cancel()
         return True
-
-
-def _wake(future: asyncio.Future[None]) -> None:
-    if not future.done():
-        future.set_result(None)
 
 
 class Link(asyncio.BufferedProtocol):
