@@ -142,12 +142,6 @@ SENT_SO = {
 """Clauses that a kart breaks in these steps by not reporting RED_RED in time, or by dropping the
 connection (except in `backlog`, where a kart may take so many frames at once for old ones)."""
 
-BY_EYE = {
-    *('K-3A-05', 'K-3A-07', 'K-3A-10', 'K-3A-12', 'K-3E-05', 'K-3E-08', 'K-3E-11', 'K-4C-07'),
-    *(*STAYS.values(), *BRAKES.values(), *LOSSES.values(), *UNARMED.values()),
-}
-"""Clauses that only the wheels can show. No inspection is passed unless all of them are judged."""
-
 Speeds = list[tuple[float, float]]
 """Times, in seconds, and speeds, in m/s."""
 
