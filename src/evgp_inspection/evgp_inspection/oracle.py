@@ -576,9 +576,14 @@ class Oracle:
 
     def _expire_link(self, now: float) -> None:
         due, self._back_due = self._back_due, None
-        if due is not None and now >= due.since + due.limit - EARLY:
-            why = f'It did not {due.what} within {now - due.since:.1f} s.'
-            self._fail(due.name, why, due.since, now, now - due.since)
+        self._miss(due, now)
+
+    def _miss(self, due: Due | None, at: float) -> None:
+        """Record what the kart has not done, if it had enough time for it."""
+        if due is not None and at >= due.since + due.limit - EARLY:
+            waited = at - due.since
+            why = f'It did not {due.what} within {waited:.1f} s.'
+            self._fail(due.name, why, due.since, at, waited)
 
     def _lose(self, at: float, how: str, grace: float = 0.0) -> None:
         """Record the loss of race control: `how` is a key of `LOSSES`, or `kart` if it did it."""
@@ -643,7 +648,8 @@ class Oracle:
                 name = SENT_SO.get(self._step, name)
                 if self._since == 'closed' and before is None:
                     name = 'K-4D-06'
-            self._said_due = Due(name, at, getattr(self._limits, limit), state.value, order)
+            what = f'acknowledge {state.value}'
+            self._said_due = Due(name, at, getattr(self._limits, limit), what, order)
 
     def _free(self, order: SentState) -> None:
         self._begin(Law.DRIVE, order.at, 'GREEN_GREEN', 'K-3A-05')
@@ -656,28 +662,22 @@ class Oracle:
         self._said_due = None
         took = at - due.since
         if took > due.limit + EARLY:
-            why = f'It took {took:.2f} s to acknowledge {due.what}.'
+            why = f'It took {took:.2f} s to {due.what}.'
             self._fail(due.name, why, due.since, at, took)
         else:
-            self._pass(due.name, f'It acknowledged {due.what} after {took:.3f} s.', at, took)
+            self._pass(
+                due.name, f'It acknowledged {due.order.state.value} after {took:.3f} s.', at, took
+            )
         self.spell.said = at
         if due.order.state is GREEN_GREEN:
             self._drives_on = self._link
 
     def _let_go(self, at: float) -> None:
-        """Record a missing acknowledgement, if the kart had enough time for it."""
+        """Record a missing acknowledgement, unless the wheels are at fault already."""
         due, self._said_due = self._said_due, None
-        if due is None or at < due.since + due.limit - EARLY or self.spell.broken:
-            return
-        if (
-            self._stood is None
-            and self._speed > self._limits.standstill
-            and due.what != 'GREEN_GREEN'
-        ):
-            return  # it still rolls, which is another fault
-        waited = at - due.since
-        why = f'It did not acknowledge {due.what} within {waited:.1f} s.'
-        self._fail(due.name, why, due.since, at, waited)
+        rolls = self._stood is None and self._speed > self._limits.standstill
+        if not self.spell.broken and (not rolls or self.spell.law is Law.DRIVE):
+            self._miss(due, at)
 
     def _take_word(self, said: Said) -> None:
         at, sent = said.at, said.sent

@@ -65,18 +65,11 @@ def as_json(inspection: Inspection) -> str:
                 for event in result.finding.evidence
             ],
         }
-        for result in inspection.results
+        for result in inspection.checks
     ]
     whole = {
-        'subject': inspection.subject,
-        'team': inspection.team,
-        'inspector': inspection.inspector,
-        'began': inspection.began,
-        'seconds': inspection.seconds,
-        'limits': dataclasses.asdict(inspection.limits),
+        **dataclasses.asdict(dataclasses.replace(inspection, checks=())),
         'statements': BY_STATEMENT,
-        'remarks': inspection.remarks,
-        'finished': inspection.finished,
         'version': VERSION,
         'verdict': inspection.verdict.value,
         'counts': {each.value: len(inspection.having(each)) for each in Verdict},
@@ -144,7 +137,7 @@ def as_html(inspection: Inspection) -> str:
         f'{inspection.seconds / 60:.1f} minutes',
     ]
     rows = []
-    for result in inspection.results:
+    for result in inspection.checks:
         kind = result.verdict.value
         note = ''
         if result.verdict is not Verdict.PASS:

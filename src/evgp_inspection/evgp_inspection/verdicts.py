@@ -165,7 +165,7 @@ class Inspection:
     """
     A whole inspection, as its report shows it.
 
-    :ivar results: the results of the clauses that were asked for.
+    :ivar checks: the results of the clauses that were asked for.
     :ivar limits: the limits used.
     :ivar seconds: the duration, in seconds.
     :ivar remarks: sentences about the whole inspection, such as why it was not finished.
@@ -176,7 +176,7 @@ class Inspection:
     :ivar began: the date and time of the start, in ISO 8601.
     """
 
-    results: Sequence[Result]
+    checks: Sequence[Result]
     limits: Limits
     seconds: float = 0.0
     remarks: Sequence[str] = ()
@@ -187,7 +187,7 @@ class Inspection:
     began: str = ''
 
     def having(self, verdict: Verdict) -> list[Result]:
-        return [each for each in self.results if each.verdict is verdict]
+        return [each for each in self.checks if each.verdict is verdict]
 
     @property
     def verdict(self) -> Verdict:
