@@ -78,9 +78,11 @@ class Kart:
             setattr(self, name, functools.partial(change, self))
         self._next_turn = self.loop.call_later(0.0, self._turn)
 
-    # Other karts do something here.
+    # Other karts do something here, or decide otherwise (`in_turns`: to read once in each turn,
+    # instead of when something has arrived).
     greet = on_malformed = on_turn = lambda self: None
     prepare = on_frame = on_order = lambda self, x: None
+    in_turns = stays_armed_on_new_link = ignores = lambda self: False
 
     def end(self) -> None:
         self._next_turn.cancel()
@@ -151,13 +153,6 @@ class Kart:
         if not self.in_turns():
             self.loop.add_reader(link.fileno(), self.read)
         self.greet()
-
-    def in_turns(self) -> bool:
-        """Return whether it reads once in each turn, instead of when something has arrived."""
-        return False
-
-    def stays_armed_on_new_link(self) -> bool:
-        return False
 
     def _close(self) -> None:
         if self.link is not None:
@@ -232,9 +227,6 @@ class Kart:
         if state is IN_GARAGE and self.says_garage():
             self.say(encode(state))
         self.on_order(state)
-
-    def ignores(self) -> bool:
-        return False
 
     def says_garage(self) -> bool:
         return self._says_garage
