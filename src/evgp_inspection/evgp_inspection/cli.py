@@ -31,7 +31,7 @@ from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import listen
 from evgp_inspection.report import as_html, as_json, deliver
 from evgp_inspection.survey_network import survey_network
-from evgp_inspection.verdicts import Clause, Exit, Inspection, results_of, select
+from evgp_inspection.verdicts import Clause, Exit, exit_code, Inspection, results_of, select
 from evgp_protocol.frames import DEFAULT_PORT
 
 
@@ -165,7 +165,7 @@ def _inspect(options: argparse.Namespace, limits: Limits, clauses: Sequence[Clau
     files = {'html': as_html(inspection), 'json': as_json(inspection)}
     name = inspection.subject.replace(' ', '-')
     deliver('\n'.join(lines), options.report, name, began, files)
-    return inspection.exit_code
+    return exit_code(inspection.verdict)
 
 
 async def _with_the_word(

@@ -96,7 +96,7 @@ malformed | garage grid stay:watch malformed | After an acknowledged GRID_ACTIVE
 again | garage grid red green garage | GRID_ACTIVE is acknowledged once more; then RED_RED is sent,
     then GREEN_GREEN.
 glued | garage glued | GRID_ACTIVE and GREEN_GREEN are sent in one piece.
-backlog | fast backlog | IN_GARAGE is sent 100 times a second, then 400 frames at once, then
+backlog | backlog | IN_GARAGE is sent 100 times a second, then 400 frames at once, then
     RED_RED.
 race | DRIVE flag stay:dwell green red stay:dwell garage stay:dwell | A drive; RED_FLAG for some
     time, GREEN_GREEN, RED_RED for some time, IN_GARAGE for some time.
@@ -322,9 +322,9 @@ class KartScript:
         said = len(self._trace.said)
         await self._until(lambda: len(self._trace.said) > said, short)
 
-    async def _garage(self) -> None:
-        self.wire.order(IN_GARAGE)
-        await self._pass(0.2)
+    async def _garage(self, seconds: float = 0.2, rate: float = BEAT_RATE) -> None:
+        self.wire.order(IN_GARAGE, rate=rate)
+        await self._pass(seconds)
         # Wait until a standing kart has read this, which it shows by a report or by its silence.
         # After that, no report can answer an earlier order (docs/wire.md).
         await self._until(lambda: self._trace.reached, QUIET + self.limits.red_red)
@@ -359,12 +359,8 @@ class KartScript:
         self.wire.order(GREEN_GREEN, lambda state: after(encode(GRID_ACTIVE), state))
         return await self._stay('watch')
 
-    async def _fast(self) -> None:
-        self.wire.order(IN_GARAGE, rate=100.0)
-        await self._pass(self.limits.fast)
-        await self._until(lambda: self._trace.reached, QUIET + self.limits.red_red)
-
     async def _backlog(self) -> None:
+        await self._garage(self.limits.fast, 100.0)
         self.recording.note(Kind.STEP, text=self._step)
         self.wire.order(RED_RED, lambda state: after(encode(IN_GARAGE) * 400, state))
         if not await self._acknowledged(RED_RED, self.limits.red_red):

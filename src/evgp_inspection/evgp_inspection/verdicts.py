@@ -207,10 +207,6 @@ class Inspection:
         passed = self.finished and not doubtful and self.having(Verdict.PASS)
         return Verdict.PASS if passed else Verdict.NOT_JUDGED
 
-    @property
-    def exit_code(self) -> Exit:
-        return exit_code(self.verdict)
-
     def summary(self) -> str:
         """Return the summary in one line."""
         passed, failed, not_judged = (len(self.having(each)) for each in Verdict)
