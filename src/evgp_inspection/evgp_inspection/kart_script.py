@@ -280,6 +280,7 @@ class KartScript:
         """
         limits = self.limits
         self.wire.order(RED_RED)
+        await self.wire.come_back()
         if not await self._connected():
             why = f'The kart has not connected again for {limits.reconnect:g} s.'
             self.inspector.tell(f'\a  !  {why} If its wheels turn, USE THE MSR.')

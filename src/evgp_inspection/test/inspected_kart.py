@@ -403,7 +403,7 @@ K-3E-05 K-3E-06 | a lost connection does not disarm it |
     stays_armed_on_new_link k.losses[-1] in ('closed', 'reset')
 K-3E-06 K-3E-09 | a race control that is away arms it |
     stays_armed_on_new_link k.losses[-1] == 'refused'
-K-3E-06 | drives off long after race control went away |
+K-3E-06 K-3E-09 | drives off long after race control went away |
     wants 0.5 if k.link is None and k.now - k.heard_at > k.long_after
 K-3E-07 | takes malformed bytes for life | on_malformed setattr(k, 'heard_at', k.now)
 K-3E-08 | acknowledges RED_RED on a new connection while it rolls |

@@ -134,6 +134,13 @@ def test_an_inspection_that_fails_while_the_kart_drives_stops_the_kart(
     assert one.kart.last_heard == b'$RED_RED;'
 
 
+def test_a_kart_that_drives_off_while_race_control_is_away_is_stopped() -> None:
+    fault = 'drives off long after race control went away'
+    inspection = OneInspection(fault, only='K-3E-06').inspect()
+    assert set(those(inspection, Verdict.FAIL)) == {'K-3E-06'}
+    assert inspection.finished
+
+
 def test_a_kart_that_ends_is_started_again_by_the_inspector_and_inspected_to_the_end() -> None:
     inspection = OneInspection('FIN ends it', only='K-4D', starts_again=True).inspect()
     assert set(those(inspection, Verdict.FAIL)) == {'K-4D-01', 'K-4D-03', 'K-4D-05'}
