@@ -9,12 +9,12 @@ import ast
 import configparser
 import pathlib
 import re
+import subprocess
 import sys
 
 from catkin_pkg.changelog import get_changelog_from_path
 from catkin_pkg.package import Package, parse_package
 from catkin_pkg.package_version import get_forthcoming_label
-import headers
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -191,26 +191,23 @@ def test_every_launch_file_is_launched_by_a_test() -> None:
     assert [name for name in files if f"'{name}'" not in text] == []
 
 
-HEADER = 'Copyright 2026 EVGP race control contributors\n{} SPDX-License-Identifier: Apache-2.0\n'
-
-
-@pytest.mark.parametrize(
-    ('name', 'begins', 'marks'),
-    [
-        ('new.h', '', '//'),
-        ('new.py', '', '#'),
-        ('run', '#!/bin/sh\n', '#'),
-        ('Makefile', '', '#'),
-        ('page.html', '<!doctype html>\n', '<!--'),
-    ],
-)
-def test_a_new_file_is_found_until_it_has_a_header(
-    name: str, begins: str, marks: str, tmp_path: pathlib.Path
-) -> None:
-    (tmp_path / name).write_text(f'{begins}text\n', encoding='utf-8')
-    assert list(headers.missing(tmp_path)) == [pathlib.Path(name)]
-    (tmp_path / name).write_text(f'{begins}{marks} {HEADER.format(marks)}text\n', encoding='utf-8')
-    assert list(headers.missing(tmp_path)) == []
+def test_a_new_file_is_named_until_it_has_a_header(tmp_path: pathlib.Path) -> None:
+    files = {
+        'Makefile': ('', '#'),
+        'new.h': ('', '//'),
+        'new.py': ('', '#'),
+        'page.html': ('<!doctype html>\n', '<!--'),
+        'run': ('#!/bin/sh\n', '#'),
+    }
+    header = 'Copyright 2026 EVGP race control contributors\n{} SPDX-License-Identifier: Apache-2.0'
+    command = ['make', '-s', '-f', ROOT / 'Makefile', 'headers']
+    for header_or_not, named in (('text', [*files]), (header, [])):
+        for name, (begins, marks) in files.items():
+            text = f'{begins}{marks} {header_or_not.format(marks)}\n'
+            (tmp_path / name).write_text(text, encoding='utf-8')
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        assert done.stdout.split() == named, done.stderr
+        assert (done.returncode == 0) is (named == [])
 
 
 def test_one_file_alone_touches_what_rclpy_keeps_to_itself() -> None:
