@@ -16,11 +16,14 @@ def generate_launch_description() -> LaunchDescription:
     launch = PathJoinSubstitution([FindPackageShare('evgp_kart_bridge'), 'launch'])
     return LaunchDescription(
         [
-            # The arguments of the included file are also arguments of this one.
+            # All arguments of the included file are also arguments of this one; launch wants those
+            # without a default passed on.
+            DeclareLaunchArgument('host', description='The address of race control.'),
             IncludeLaunchDescription(
                 PythonLaunchDescriptionSource(
                     PathJoinSubstitution([launch, 'kart_bridge.launch.py'])
-                )
+                ),
+                launch_arguments=[('host', LaunchConfiguration('host'))],
             ),
             DeclareLaunchArgument(
                 'package',
