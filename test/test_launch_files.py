@@ -28,7 +28,6 @@ from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_testing.kart import Team
 from evgp_testing.official import Official, SERVICES
-from evgp_testing.part import PATIENCE
 from evgp_testing.process import Program, wait_until_ended
 from evgp_testing.race_control import settings, write_roster
 from evgp_testing.ros_side import RosSide
@@ -54,17 +53,10 @@ from launch.actions import IncludeLaunchDescription
 from launch.launch_description_sources import AnyLaunchDescriptionSource
 
 file, *arguments = sys.argv[1:]
+given = [each.split(':=', 1) for each in arguments]
+launched = IncludeLaunchDescription(AnyLaunchDescriptionSource(file), launch_arguments=given)
 service = LaunchService(noninteractive=True)  # as `ros2 launch` without a terminal
-service.include_launch_description(
-    LaunchDescription(
-        [
-            IncludeLaunchDescription(
-                AnyLaunchDescriptionSource(file),
-                launch_arguments=[each.split(':=', 1) for each in arguments],
-            )
-        ]
-    )
-)
+service.include_launch_description(LaunchDescription([launched]))
 sys.exit(service.run())
 """
 
@@ -91,24 +83,16 @@ class Launch(Program):
         command = [sys.executable, '-c', LAUNCH, str(path), *words]
         super().__init__(path.name, command, environment=environment, end='INT')
 
-    def wait_for_start(self, count: int = 1, program: str = r'\S+') -> int:
-        """Return the process number of what was started as the first, second, ... in a row."""
-        pattern = rf'\[{program}-\d+\]: process started with pid \[(\d+)\]'
-        with self._news:
-            self._news.wait_for(
-                lambda: self._ended or len(re.findall(pattern, '\n'.join(self.lines))) >= count,
-                PATIENCE,
-            )
-        pids = re.findall(pattern, self.output)
-        assert len(pids) >= count, self.output
-        return int(pids[count - 1])
+    def wait_for_start(self, program: str = r'\S+') -> int:
+        """Return the process number of a program that has started since `lines` were cleared."""
+        line = rf'\[{program}-\d+\]: process started with pid \[(\d+)\]'
+        return int(self.wait_for_line(line)[1])
 
     @property
     def failures(self) -> list[int]:
         """Return how the processes ended that did not end in order (negative: a signal)."""
-        return [
-            int(code) for code in re.findall(r'process has died .*exit code (-?\d+)', self.output)
-        ]
+        codes = re.findall(r'process has died .*exit code (-?\d+)', self.output)
+        return [*map(int, codes)]
 
     def end(self) -> int:
         """End it as Ctrl-C does; return its exit code."""
@@ -163,12 +147,6 @@ def race_control(folder: pathlib.Path, domain: int) -> dict[str, object]:
     return {'roster': roster, 'params_file': params_file, 'domain_id': domain}
 
 
-def wait_for_timekeeper(official: Official) -> None:
-    official.wait_until_polled(
-        lambda: official.node.count_publishers('/rcs/timekeeper/results') == 1, 'the timekeeper'
-    )
-
-
 def test_race_control_is_there_comes_back_and_ends_in_order(
     launch: Start, domain: int, tmp_path: pathlib.Path, parts: contextlib.ExitStack
 ) -> None:
@@ -182,17 +160,19 @@ def test_race_control_is_there_comes_back_and_ends_in_order(
     )
     official.command('set_track_open', open=False)
 
-    wait_for_timekeeper(official)
-
-    first = launched.wait_for_start(1, 'rcs_node')
+    official.wait_until_polled(
+        lambda: official.node.count_publishers('/rcs/timekeeper/results') == 1, 'the timekeeper'
+    )
+    timekeeper = launched.wait_for_start('timekeeper')
+    first = launched.wait_for_start('rcs_node')
+    launched.lines.clear()
     os.kill(first, signal.SIGKILL)
-    second = launched.wait_for_start(2, 'rcs_node')
+    second = launched.wait_for_start('rcs_node')
     official.wait_for_race(
         lambda race: state_of(race.state) is RaceState.RED_RED, 'race control again'
     )
     official.command('all_kill')
 
-    timekeeper = launched.wait_for_start(1, 'timekeeper')
     assert launched.end() == 0, launched.output
     wait_until_ended(second)
     wait_until_ended(timekeeper)
@@ -212,46 +192,44 @@ def test_a_launch_ends_where_a_setting_of_race_control_is_wrong(
 # ----- the bridge -------------------------------------------------------------------------
 
 
+@pytest.fixture
+def race(parts: contextlib.ExitStack) -> BareRaceControl:
+    return parts.enter_context(BareRaceControl())
+
+
+@pytest.fixture
+def on_a_kart(race: BareRaceControl, domain: int, tmp_path: pathlib.Path) -> dict[str, object]:
+    """Return the arguments of a launch file for a kart of `race`."""
+    params_file = parameter_file(tmp_path, {'port': race.port})
+    return {'host': '127.0.0.1', 'params_file': params_file, 'domain_id': domain}
+
+
 def test_the_bridge_is_there_comes_back_and_ends_in_order(
-    launch: Start, domain: int, tmp_path: pathlib.Path, parts: contextlib.ExitStack
+    launch: Start, on_a_kart: dict[str, object], domain: int, parts: contextlib.ExitStack
 ) -> None:
-    race = parts.enter_context(BareRaceControl())
-    launched = launch(
-        'evgp_kart_bridge',
-        'kart_bridge.launch.py',
-        host='127.0.0.1',
-        odom='/odom',
-        params_file=parameter_file(tmp_path, {'port': race.port}),
-        domain_id=domain,
-    )
+    launched = launch('evgp_kart_bridge', 'kart_bridge.launch.py', odom='/odom', **on_a_kart)
     team = parts.enter_context(Team(domain))
     first = team.wait_for_state(RaceState.IN_GARAGE)
     assert team.node.count_subscribers('/odom') == 1
     offered = {name for name, _ in team.node.get_service_names_and_types()}
     assert {'/kart_bridge/acknowledge', '/kart_bridge/team_stop'} <= offered
 
-    os.kill(launched.wait_for_start(1), signal.SIGKILL)
+    first_pid = launched.wait_for_start()
+    launched.lines.clear()
+    os.kill(first_pid, signal.SIGKILL)
     team.wait_for(lambda told: told.order not in (0, first.order), 'the bridge again')
 
-    second = launched.wait_for_start(2)
+    second = launched.wait_for_start()
     assert launched.end() == 0, launched.output
     wait_until_ended(second)
     assert launched.failures == [-signal.SIGKILL]
 
 
 def test_one_launch_file_starts_the_bridge_and_the_stack(
-    launch: Start, domain: int, tmp_path: pathlib.Path, parts: contextlib.ExitStack
+    launch: Start, on_a_kart: dict[str, object], race: BareRaceControl
 ) -> None:
-    race = parts.enter_context(BareRaceControl())
-    launched = launch(
-        'evgp_kart_bridge',
-        'kart.launch.py',
-        host='127.0.0.1',
-        executable='example_stack',
-        params_file=parameter_file(tmp_path, {'port': race.port}),
-        domain_id=domain,
-    )
-    launched.wait_for_start(2)
+    stack = {'executable': 'example_stack'}
+    launched = launch('evgp_kart_bridge', 'kart.launch.py', **stack, **on_a_kart)
     race.exchange(RaceState.GRID_ACTIVE)  # the stack has acknowledged
     assert launched.end() == 0, launched.output
 
@@ -289,60 +267,48 @@ def test_a_launch_ends_where_a_setting_of_the_window_is_wrong(
 # ----- programs of others -----------------------------------------------------------------
 
 
-@pytest.fixture
-def stand_in(tmp_path: pathlib.Path) -> Callable[..., pathlib.Path]:
-    """Return a function that puts a program in somebody else's place, and what that will write."""
+def put_stand_in(program: pathlib.Path) -> pathlib.Path:
+    """Put a program in somebody else's place, and return the file that it will write."""
+    told = program.with_suffix('.json')
+    program.parent.mkdir(parents=True)
+    program.write_text(STAND_IN.format(python=sys.executable, told=str(told)), encoding='utf-8')
+    program.chmod(0o755)
+    return told
 
-    def put(program: pathlib.Path) -> pathlib.Path:
-        told = tmp_path / 'told.json'
-        program.parent.mkdir(parents=True)
-        text = STAND_IN.format(python=sys.executable, told=str(told))
-        program.write_text(text, encoding='utf-8')
-        program.chmod(0o755)
-        return told
 
-    return put
+def words_told(launched: Launch, told: pathlib.Path) -> list[str]:
+    """Return how a stand-in was started: on the graph of race control, and found here only."""
+    assert launched.wait() == 0, launched.output
+    was = json.loads(told.read_text(encoding='utf-8'))
+    assert was['environment']['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'SYSTEM_DEFAULT'
+    assert 'evgp-graph-' in was['environment']['FASTRTPS_DEFAULT_PROFILES_FILE']
+    return was['arguments']
 
 
 def test_foxglove_starts_on_the_graph_of_race_control_and_listens_here_only(
-    launch: Start, stand_in: Callable[..., pathlib.Path], tmp_path: pathlib.Path
+    launch: Start, tmp_path: pathlib.Path
 ) -> None:
     index = tmp_path / 'ros/share/ament_index/resource_index/packages'
     index.mkdir(parents=True)
     (index / 'foxglove_bridge').touch()
-    told = stand_in(tmp_path / 'ros/lib/foxglove_bridge/foxglove_bridge')
+    told = put_stand_in(tmp_path / 'ros/lib/foxglove_bridge/foxglove_bridge')
     path = f'{tmp_path / "ros"}{os.pathsep}{os.environ["AMENT_PREFIX_PATH"]}'
     launched = launch('evgp_rcs', 'foxglove.launch.py', {'AMENT_PREFIX_PATH': path})
-    assert launched.wait() == 0, launched.output
-    was = json.loads(told.read_text(encoding='utf-8'))
-    words = was['arguments']
+    words = words_told(launched, told)
     files = [file for word, file in itertools.pairwise(words) if word == '--params-file']
     assert any('address: 127.0.0.1' in pathlib.Path(file).read_text() for file in files)
-    assert is_bound(was['environment'])
 
 
 def test_a_race_is_recorded_with_what_the_latched_topics_keep(
-    launch: Start, stand_in: Callable[..., pathlib.Path], tmp_path: pathlib.Path
+    launch: Start, tmp_path: pathlib.Path
 ) -> None:
-    told = stand_in(tmp_path / 'bin/ros2')
+    told = put_stand_in(tmp_path / 'bin/ros2')
     path = f'{tmp_path / "bin"}{os.pathsep}{os.environ["PATH"]}'
     launched = launch('evgp_rcs', 'bag.launch.py', {'PATH': path}, output='race1')
-    assert launched.wait() == 0, launched.output
-    was = json.loads(told.read_text(encoding='utf-8'))
-    words = was['arguments']
+    words = words_told(launched, told)
     assert words[:2] == ['bag', 'record']
     assert words[words.index('--output') + 1] == 'race1'
     topics = ['/rcs/race', '/rcs/events', '/rcs/timekeeper/results', '/diagnostics']
     assert words[-5:] == ['--topics', *topics]
     file = pathlib.Path(words[words.index('--qos-profile-overrides-path') + 1])
     assert file.read_bytes() == (ROOT / 'src/evgp_rcs/config/bag_qos.yaml').read_bytes()
-    assert is_bound(was['environment'])
-
-
-def is_bound(environment: Mapping[str, str]) -> bool:
-    """Return whether a program finds the graph of race control, and is found there only."""
-    return environment.get(
-        'ROS_AUTOMATIC_DISCOVERY_RANGE'
-    ) == 'SYSTEM_DEFAULT' and 'evgp-graph-' in environment.get(
-        'FASTRTPS_DEFAULT_PROFILES_FILE', ''
-    )
