@@ -16,8 +16,8 @@ not 0. When you have fixed the fault, add that input to the corpus: every test r
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import pathlib
-import subprocess
 import sys
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
@@ -51,39 +51,30 @@ def main() -> None:
     parser.add_argument('--runs', type=int, help='executions per target, not a duration')
     parser.add_argument('--seed', type=int, default=0, help='of the fuzzer; 0: a new one')
     parser.add_argument('--found', type=pathlib.Path, default=FOUND, help='folder for findings')
-    parser.add_argument('--inside', action='store_true', help=argparse.SUPPRESS)
-    arguments, options = parser.parse_known_args()
-    unknown = set(arguments.target) - set(NAMES)
-    if arguments.inside:
-        fuzz(arguments.target[0], options)
-        return
-    if unknown or options:
-        parser.error(f'unknown: {", ".join([*sorted(unknown), *options])}')
-
+    arguments = parser.parse_args()
+    if unknown := {*arguments.target} - {*NAMES}:
+        parser.error(f'unknown: {", ".join(sorted(unknown))}')
+    limit = f'-max_total_time={arguments.seconds}'
+    if arguments.runs is not None:
+        limit = f'-runs={arguments.runs}'
     failed = []
     for name in arguments.target or NAMES:
         found = arguments.found / name
         found.mkdir(parents=True, exist_ok=True)
-        limit = (
-            f'-max_total_time={arguments.seconds}'
-            if arguments.runs is None
-            else f'-runs={arguments.runs}'
-        )
+        options = [
+            limit,
+            f'-seed={arguments.seed}',
+            f'-dict={HERE / name}.dict',
+            f'-artifact_prefix={found}-',
+            *('-timeout=10', '-rss_limit_mb=2048', '-max_len=4096'),
+            *('-verbosity=0', '-print_final_stats=1'),
+            *(str(found), str(HERE / 'corpus' / name)),
+        ]
         print(f'=== {name}', flush=True)
-        done = subprocess.run(
-            [
-                *(sys.executable, __file__, '--inside', name),
-                limit,
-                f'-seed={arguments.seed}',
-                f'-dict={HERE / name}.dict',
-                f'-artifact_prefix={arguments.found / name}-',
-                *('-timeout=10', '-rss_limit_mb=2048', '-max_len=4096'),
-                *('-verbosity=0', '-print_final_stats=1'),
-                *(str(found), str(HERE / 'corpus' / name)),
-            ],
-            check=False,
-        )
-        if done.returncode:
+        process = multiprocessing.get_context('spawn').Process(target=fuzz, args=(name, options))
+        process.start()
+        process.join()
+        if process.exitcode:
             failed.append(name)
     if failed:
         sys.exit(f'Faults found in: {", ".join(failed)}. The inputs are in {arguments.found}')
