@@ -5,9 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import configparser
-import contextlib
 import pathlib
 import re
 import shlex
@@ -15,7 +13,6 @@ import shutil
 import subprocess
 
 from evgp_node.process import WRONG_SETTING
-from evgp_testing.domains import Domain
 from evgp_testing.process import Program
 from evgp_testing.race_control import settings, write_roster
 import pytest
@@ -25,8 +22,6 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 UNIT = ROOT / 'src/evgp_rcs/config/evgp-rcs.service'
 TIMEKEEPER = ROOT / 'src/evgp_timing/config/evgp-timekeeper.service'
 BUTTON = ROOT / 'src/evgp_rcs_console/config/evgp-button.service'
-
-Start = Callable[..., Program]
 
 
 def unit(folder: pathlib.Path, path: pathlib.Path = UNIT) -> str:
@@ -64,20 +59,6 @@ def test_the_service_of_a_button_may_open_a_device_with_the_documented_rule(
     assert {'input', group} <= {*service(tmp_path, BUTTON)['SupplementaryGroups'].split()}
 
 
-@pytest.fixture
-def start(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Start:
-    """Return a function that runs a service's command, in its folder's place."""
-
-    def run(path: pathlib.Path = UNIT) -> Program:
-        domain = parts.enter_context(Domain())
-        words = shlex.split(service(tmp_path, path)['ExecStart'])
-        given = {'ROS_HOME': str(tmp_path)}
-        command = ['env', '-C', str(ROOT), *words]
-        return parts.enter_context(Program('service', command, domain.number, given, end='TERM'))
-
-    return run
-
-
 def configure(folder: pathlib.Path) -> None:
     """Write the files that the unit names."""
     parameters = settings(folder, write_roster(folder, [1]))
@@ -89,27 +70,26 @@ def configure(folder: pathlib.Path) -> None:
     shutil.copy(TIMEKEEPER.with_name('timekeeper.yaml'), folder)
 
 
-def test_the_service_starts_race_control_and_ends_it_in_order(
-    start: Start, tmp_path: pathlib.Path
+@pytest.mark.parametrize(
+    ('path', 'line', 'kept'),
+    [
+        (UNIT, r'listens for .* port (\d+)', 'record.sqlite3'),
+        (TIMEKEEPER, 'keeps its book in', 'timing.sqlite3'),
+    ],
+    ids=['rcs', 'timekeeper'],
+)
+def test_a_service_starts_its_program_with_one_roster_for_all_and_ends_it_in_order(
+    path: pathlib.Path, line: str, kept: str, domain: int, tmp_path: pathlib.Path
 ) -> None:
     configure(tmp_path)
-    running = start()
-    running.wait_for_line(r'listens for .* port (\d+)')
-    assert running.close() == 0
-    assert (tmp_path / 'evgp_rcs/record.sqlite3').exists()
-
-
-def test_the_service_of_the_timekeeper_starts_it_with_the_roster_of_race_control(
-    start: Start, tmp_path: pathlib.Path
-) -> None:
-    configure(tmp_path)
-    running = start(TIMEKEEPER)
-    running.wait_for_line('keeps its book in')
-    assert running.close() == 0
-    assert (tmp_path / 'evgp_rcs/timing.sqlite3').exists()
-    words = [service(tmp_path, path)['ExecStart'].split() for path in (UNIT, TIMEKEEPER)]
-    rosters = {word for each in words for word in each if word.startswith('roster:=')}
-    assert rosters == {f'roster:={tmp_path}/karts.yaml'}
+    words = shlex.split(service(tmp_path, path)['ExecStart'])
+    assert f'roster:={tmp_path}/karts.yaml' in words
+    given = {'ROS_HOME': str(tmp_path)}
+    command = ['env', '-C', str(ROOT), *words]
+    with Program('service', command, domain, given, end='TERM') as running:
+        running.wait_for_line(line)
+        assert running.close() == 0
+    assert (tmp_path / 'evgp_rcs' / kept).exists()
 
 
 @pytest.mark.parametrize(
