@@ -121,20 +121,6 @@ def test_a_wrong_value_is_named_with_what_is_possible(
         module.read_settings(StrictNode('it', context=context, cli_args=arguments))
 
 
-def test_each_parameter_of_the_rules_of_a_kart_is_a_setting_of_them(domain: int) -> None:
-    """Such as that odometry is required: else a kart would be believed that does not stand."""
-    wanted = {
-        name: limits[0][0] + (limits[0][1] - limits[0][0]) / 4 if limits else True
-        for name, _, *limits in bridge.OF_THE_RULES
-    }
-    given = [HOST, *(f'{name}:={str(value).lower()}' for name, value in wanted.items())]
-    arguments = ['--ros-args', *(word for each in given for word in ('-p', each))]
-    with joined(domain) as context:
-        _, rules, _ = bridge.read_settings(StrictNode('it', context=context, cli_args=arguments))
-    assert {name: getattr(rules, name) for name in wanted} == wanted
-    assert not any(getattr(bridge.Settings, name) == value for name, value in wanted.items())
-
-
 def test_an_argument_that_ros_does_not_know_or_cannot_read_is_refused(refusal: Refusal) -> None:
     assert 'unknown ROS arguments' in refusal('--unheard-of')
     refused = refusal('-p', 'officials:=[Anna, 3]')
@@ -143,14 +129,19 @@ def test_an_argument_that_ros_does_not_know_or_cannot_read_is_refused(refusal: R
 
 
 @pytest.mark.parametrize(
-    ('file', 'said'),
-    [('broken.yaml', ":4: expected ',' or ']', but got "), ('none.yaml', ': cannot be read (')],
+    ('text', 'said'),
+    [
+        ('/**:\n  ros__parameters:\n    port: [1\n', ":4: expected ',' or ']', but got "),
+        ('rcs_node:\n  ros__parameters: {pause: 2.0}\n', ':1: '),
+        (None, ': cannot be read ('),
+    ],
 )
-def test_a_parameter_file_that_cannot_be_read_is_refused_in_one_sentence(
-    file: str, said: str, refusal: Refusal, tmp_path: pathlib.Path
+def test_a_parameter_file_that_ros_cannot_read_or_would_ignore_is_refused_in_one_sentence(
+    text: str | None, said: str, refusal: Refusal, tmp_path: pathlib.Path
 ) -> None:
-    path = tmp_path / file
-    (tmp_path / 'broken.yaml').write_text('/**:\n  ros__parameters:\n    port: [1\n')
+    path = tmp_path / 'parameters.yaml'
+    if text is not None:
+        path.write_text(text)
     (line,) = refusal('--params-file', str(path)).splitlines()
     assert line.startswith(f'rcs: {path}{said}')
 
@@ -202,13 +193,3 @@ def test_a_parameter_file_that_cannot_be_used_is_named_in_a_sentence(
     found = [*unreadable(['--params-file', str(path)])]
     assert [each.startswith(f'{path}{line}: ') for each in found] == [True] * (line is not None)
     assert 'Node' not in ''.join(found)  # PyYAML's own terms
-
-
-def test_what_ros_would_ignore_in_a_parameter_file_is_refused(
-    domain: int, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / 'rcs.yaml'
-    path.write_text('rcs_node:\n  ros__parameters: {pause: 2.0}\n', encoding='utf-8')
-    monkeypatch.setattr('sys.argv', ['rcs_node', '--params-file', str(path)])
-    with joined(domain) as context, pytest.raises(ParameterError, match=f'^{path}:1: '):
-        settings.read_settings(StrictNode('rcs', context=context))
