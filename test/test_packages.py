@@ -52,17 +52,19 @@ def set_up(path: pathlib.Path) -> configparser.SectionProxy:
     return config['metadata']
 
 
+def needs_of(package: str) -> set[str]:
+    """Return the other packages of this repository that a package needs, and they need."""
+    asked = described(ROOT / 'src' / package)
+    depends = {each.name for each in [*asked.build_depends, *asked.exec_depends]}
+    direct = depends & {path.name for path in PACKAGES}
+    return direct.union(*map(needs_of, direct))
+
+
 def test_ci_leaves_out_on_humble_all_that_a_kart_does_not_need() -> None:
     text = (ROOT / '.github/workflows/ci.yml').read_text(encoding='utf-8')
     (names,) = re.findall(r'touch evgp_\{(.*)\}/COLCON_IGNORE', text)
-    needed, names_of_all = {'evgp_kart_bridge'}, {path.name for path in PACKAGES}
-    for _ in PACKAGES:
-        for path in PACKAGES:
-            if path.name in needed:
-                package = described(path)
-                depends = [*package.build_depends, *package.exec_depends]
-                needed |= {each.name for each in depends} & names_of_all
-    assert {f'evgp_{each}' for each in names.split(',')} == names_of_all - needed
+    left = {path.name for path in PACKAGES} - needs_of('evgp_kart_bridge') - {'evgp_kart_bridge'}
+    assert {f'evgp_{each}' for each in names.split(',')} == left
 
 
 @every_package
@@ -163,14 +165,9 @@ def test_a_package_asks_for_what_its_tests_import_of_this_repository(path: pathl
 
 
 def test_the_bridges_readme_lists_the_packages_that_come_along() -> None:
-    bridge, names = ROOT / 'src/evgp_kart_bridge', {each.name for each in PACKAGES}
-    needs, waiting = set(), ['evgp_kart_bridge']
-    while waiting:
-        asked = {each.name for each in described(ROOT / 'src' / waiting.pop()).exec_depends}
-        waiting += names & asked - needs
-        needs |= names & asked
-    text = (bridge / 'README.md').read_text(encoding='utf-8')
-    assert {name for name in names if f'`{name}`' in text} == needs | {'evgp_race_watch_cpp'}
+    text = (ROOT / 'src/evgp_kart_bridge/README.md').read_text(encoding='utf-8')
+    named = {path.name for path in PACKAGES if f'`{path.name}`' in text}
+    assert named == needs_of('evgp_kart_bridge') | {'evgp_race_watch_cpp'}
 
 
 def imported(file: pathlib.Path) -> set[str]:
@@ -199,7 +196,7 @@ def test_a_new_file_is_named_until_it_has_a_header(tmp_path: pathlib.Path) -> No
         'page.html': ('<!doctype html>\n', '<!--'),
         'run': ('#!/bin/sh\n', '#'),
     }
-    header = 'Copyright 2026 EVGP race control contributors\n{} SPDX-License-Identifier: Apache-2.0'
+    header = 'Copyright 2026 EVGP contributors\n{} SPDX-License-Identifier: Apache-2.0'
     command = ['make', '-s', '-f', ROOT / 'Makefile', 'headers']
     for header_or_not, named in (('text', [*files]), (header, [])):
         for name, (begins, marks) in files.items():
