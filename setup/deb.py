@@ -6,7 +6,7 @@ Build the Debian package for officials (docs/install-officials.md). Run it with 
 
 The package contains what the set-up has made, without what only developers need, in a folder of
 the same shape, so setup/in-workspace and the systemd units work there too. Each command is the
-recipe of a make target, recorded by running make with this program instead of setup/in-workspace.
+recipe of a make target, recorded by running make with RECORDER instead of setup/in-workspace.
 
     setup/in-workspace --console python setup/deb.py [VERSION [COMPRESSION OF DPKG-DEB]]
 """
@@ -24,6 +24,8 @@ import shutil
 import subprocess
 import sys
 
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 import prepare
 
 NAME = 'evgp-race-control'
@@ -48,9 +50,6 @@ settings that it accepts as NAME=value before its arguments, as make does."""
 
 OPTIONLESS = ('roster', 'run', 'timekeeper', 'window')
 """Commands that accept only NAME=value."""
-
-SET_BY_NAME = (*OPTIONLESS, 'spare', 'takeover')
-"""Commands whose --help lists NAME=value settings instead of the program's own options."""
 
 VARIABLES = {
     'ADDRESS': "race control's address on the karts' network (evgp-run: required with OFFICIALS)",
@@ -116,6 +115,12 @@ if [ "$1" = remove ] && command -v systemctl > /dev/null; then
 fi
 """
 
+RECORDER = (
+    f"IN_WORKSPACE={sys.executable} -c 'import json, os, sys;"
+    "print(json.dumps([sys.argv[1:], dict(os.environ)]))'"
+)
+"""For make: prints a command, and its environment, in place of running it."""
+
 LICENCES = f"""\
 Below: the licence of race control. The licences of included software are in {HOME}/.venv, in
 *.dist-info and *.copyright; Qt for Python, LGPL-3.0, can be replaced there.
@@ -123,39 +128,35 @@ Below: the licence of race control. The licences of included software are in {HO
 """
 
 
-def output(*command: object, environment: dict[str, str] | None = None) -> str:
+def output(*command: object) -> str:
     """Run a command that must succeed, and return its output."""
-    words = [str(word) for word in command]
-    return subprocess.check_output(words, cwd=prepare.ROOT, text=True, env=environment)
+    return subprocess.check_output([*map(str, command)], cwd=prepare.ROOT, text=True)
 
 
 def needed(names: list[str]) -> Iterator[importlib.metadata.Distribution]:
     """Yield the installed distributions with these names, and all their requirements."""
     seen = set()
     while names:
-        name = re.sub(r'[-_.]+', '-', names.pop()).lower()
-        if name in seen:
-            continue
-        seen.add(name)
-        try:
+        name = canonicalize_name(names.pop())
+        if name not in seen:
+            seen.add(name)
             found = importlib.metadata.distribution(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue  # for another system or Python
-        yield found
-        asked = [each for each in found.requires or () if 'extra ==' not in each]
-        names += [re.split(r'[^\w.-]', each)[0] for each in asked]
+            yield found
+            asked = map(Requirement, found.requires or ())
+            here = {'extra': ''}
+            names += [each.name for each in asked if not each.marker or each.marker.evaluate(here)]
 
 
 def need_libraries() -> None:
     """Stop with what to install if an included library is missing on this machine."""
     if subprocess.run(['dpkg', '-L', *NOT_ON_ALL.split()], capture_output=True).returncode:
-        prepare.stop(f"Install the libraries to include: 'apt-get install {NOT_ON_ALL}'.")
+        sys.exit(f"Install the libraries to include: 'apt-get install {NOT_ON_ALL}'.")
 
 
 def need_python_of(system: pathlib.Path) -> None:
     """Stop if .venv has another Python than the system, on which the package could not run."""
     if system.resolve().name != f'python{prepare.Interpreter.version}':
-        prepare.stop(
+        sys.exit(
             f'The package runs with {system}, but .venv has Python {prepare.Interpreter.version}. '
             f"Use 'make deb PYTHON={system}'."
         )
@@ -207,14 +208,11 @@ def copy_workspace() -> None:
 
 def recorded(target: str, **given: str) -> tuple[list[str], dict[str, str]]:
     """Return the command that a recipe passes to setup/in-workspace, and its exports for ROS."""
-    recorder = f'IN_WORKSPACE={sys.executable} {__file__} --recorded'
-    words = [f'{name}={value}' for name, value in given.items()]
-    path = f'PATH={os.environ["PATH"]}'
-    command, environment = json.loads(
-        output('env', '-i', path, 'make', '-s', target, recorder, *words)
-    )
-    ours = [each for each in environment if each.startswith(('EVGP_GRAPH', 'ROS_'))]
-    return command, {name: environment[name] for name in ours}
+    words = ['env', '-i', f'PATH={os.environ["PATH"]}', 'make', '-s', target, RECORDER]
+    words += [f'{name}={value}' for name, value in given.items()]
+    command, exports = json.loads(output(*words))
+    ours = [each for each in exports if each.startswith(('EVGP_GRAPH', 'ROS_'))]
+    return command, {name: exports[name] for name in ours}
 
 
 def in_shell(word: str) -> str:
@@ -251,7 +249,7 @@ def script(command: str, about: str) -> str:
     if takes:
         of_them = f'[[ ${{1-}} =~ ^({"|".join(takes)})= ]]'
         lines.append(f'while {of_them}; do declare "$1"; shift; done')
-    if command in SET_BY_NAME:
+    if takes and command != 'ctl':  # which lists its own options
         lines.append(f'[[ ${{1-}} != --help ]] || {{ echo {shlex.quote(about)}; exit; }}')
     if command in OPTIONLESS:
         wrong = f'echo "evgp-{command} does not accept $1. See evgp-{command} --help" >&2'
@@ -307,15 +305,11 @@ def write_surface() -> None:
 
 def main() -> None:
     """Build the package and print its path."""
-    if sys.argv[1:2] == ['--recorded']:
-        print(json.dumps([sys.argv[2:], dict(os.environ)]))
-        return
     if prepare.is_sourced(os.environ):
-        prepare.stop('The package contains the wheels of ROS. Use a shell without a sourced ROS.')
+        sys.exit('The package contains the wheels of ROS. Use a shell without a sourced ROS.')
     need_python_of(pathlib.Path('/usr/bin/python3'))
     need_libraries()
-    xml = (prepare.ROOT / 'src/evgp_rcs/package.xml').read_text()
-    version = (*sys.argv[1:], *re.findall('<version>(.*)</version>', xml))[0]
+    version = (*sys.argv[1:], importlib.metadata.version('evgp-rcs'))[0]
     compression = (*sys.argv[2:], 'gzip')[0]
     shutil.rmtree(MADE, ignore_errors=True)
     os.umask(0o022)
@@ -338,9 +332,7 @@ def main() -> None:
         'Suggests: bash-completion, iproute2, openssh-client, sqlite3, sudo\n'
         'Description: race control for driverless kart races, with window and rehearsal\n',
     )
-    for path in [each for each in ROOT.rglob('*') if not each.is_symlink()]:
-        runs = path.is_dir() or path.stat().st_mode & 0o111
-        path.chmod(0o755 if runs else 0o644)  # independent of the umask during the set-up
+    output('chmod', '-R', 'a-s,u=rwX,go=rX', ROOT)  # independent of the umask during the set-up
     package = prepare.BUILD / f'{NAME}_{version}_amd64.deb'
     packed = MADE / package.name
     words = ['dpkg-deb', '--build', '--root-owner-group', f'-Z{compression}', ROOT, packed]

@@ -22,20 +22,14 @@ def part_of(path: str) -> str:
     return 'tests and tools' if TOOLS.search(path) else 'product'
 
 
-def main() -> None:
-    """Print the table."""
-    parts: dict[str, Counter[str]] = {}
-    listed = subprocess.run(['git', 'ls-files'], capture_output=True, text=True, check=True)
-    for path in listed.stdout.splitlines():
-        if path.endswith(COUNTED) and not pathlib.Path(path).is_symlink():
-            folder = '/'.join(path.split('/')[: 2 if path.startswith('src/') else 1])
-            count = len(pathlib.Path(path).read_bytes().splitlines())
-            parts.setdefault(part_of(path), Counter())[folder] += count
-    for part, folders in sorted(parts.items()):
-        print(f'{part:28}{folders.total():7,}')
-        for folder, count in folders.most_common():
-            print(f'    {folder:24}{count:7,}')
-
-
-if __name__ == '__main__':
-    main()
+parts: dict[str, Counter[str]] = {}
+for line in subprocess.check_output(['git', 'ls-files'], text=True).splitlines():
+    path = pathlib.Path(line)
+    if path.suffix in COUNTED and not path.is_symlink():
+        folder = '/'.join(path.parts[: 2 if path.parts[0] == 'src' else 1])
+        count = len(path.read_bytes().splitlines())
+        parts.setdefault(part_of(line), Counter())[folder] += count
+for part, folders in sorted(parts.items()):
+    print(f'{part:28}{folders.total():7,}')
+    for folder, count in folders.most_common():
+        print(f'    {folder:24}{count:7,}')

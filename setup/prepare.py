@@ -31,7 +31,6 @@ import subprocess
 import sys
 import sysconfig
 import time
-from typing import NoReturn
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 VENV = ROOT / '.venv'
@@ -151,6 +150,9 @@ def repaired(text: str, include: str, site_packages: str) -> str:
     return re.sub(rf'{builder}/lib/python3\.\d+/site-packages', lambda _: site_packages, text)
 
 
+BUILT = re.compile(r'\.(msg|srv|action|cpp|hpp)$|/(CMakeLists\.txt|package\.xml|setup\.(cfg|py))$')
+
+
 def build_inputs(source: pathlib.Path) -> Iterable[tuple[str, bytes]]:
     """
     Yield the inputs whose change requires a new build: (path, relevant content).
@@ -159,36 +161,21 @@ def build_inputs(source: pathlib.Path) -> Iterable[tuple[str, bytes]]:
     configuration files are linked too, so only adding or removing them counts.
     """
     for path in sorted(source.glob('*/**/*')):
+        inside = path.relative_to(source)
         if not path.is_file() or '__pycache__' in path.parts:
             continue
-        inside = path.relative_to(source)
-        if path.suffix in ('.msg', '.srv', '.action', '.cpp', '.hpp') or path.name in (
-            'CMakeLists.txt',
-            'package.xml',
-            'setup.cfg',
-            'setup.py',
-        ):
+        if BUILT.search(str(inside)):
             yield str(inside), path.read_bytes()
         elif inside.parts[1] in ('config', 'launch', 'resource'):
             yield str(inside), b''
 
 
-def digest(parts: Iterable[tuple[str, bytes]]) -> str:
-    """Return one hash over named contents."""
-    sha = hashlib.sha256()
-    for name, content in parts:
-        sha.update(f'{name}\0{len(content)}\0'.encode())
-        sha.update(content)
-    return sha.hexdigest()
+def digest(parts: Iterable[object]) -> str:
+    """Return one hash over all parts."""
+    return hashlib.sha256(repr([*parts]).encode()).hexdigest()
 
 
 # Everything from here on changes the machine.
-
-
-def stop(reason: str) -> NoReturn:
-    """End the set-up with one sentence for the user."""
-    sys.stderr.write(f'{reason}\n')
-    raise SystemExit(1)
 
 
 def run_quietly(
@@ -216,15 +203,15 @@ def run_quietly(
     sys.stderr.write(' failed:\n')
     sys.stderr.flush()
     sys.stderr.buffer.write(done.stdout)
-    stop(
+    sys.exit(
         f'{what} failed, see above. Fix the cause, then run the same command again '
         "('make clean' first to start over)."
     )
 
 
-def locks(*names: str) -> list[tuple[str, bytes]]:
-    """Return the lists of packages to install, with their names."""
-    return [(name, (ROOT / 'setup' / name).read_bytes()) for name in names]
+def locks(*names: str) -> list[bytes]:
+    """Return the contents of lists of packages to install."""
+    return [(ROOT / 'setup' / name).read_bytes() for name in names]
 
 
 def make(stamp: pathlib.Path, wanted: str, how: Callable[[], None], there: bool = True) -> None:
@@ -263,29 +250,23 @@ def repair_wheels() -> None:
     """Put this machine's folders into the CMake files of the wheels just installed."""
     include = sysconfig.get_path('include')
     site_packages = sysconfig.get_path('purelib', 'venv', vars={'base': str(VENV)})
-    changed = 0
-    for path in sorted((VENV / 'share').glob('**/*.cmake')):
-        old = path.read_text()
-        new = repaired(old, include, site_packages)
-        if '/opt/python/' in new:
-            stop(f"{path} names a builder's folder that the set-up cannot repair.")
-        if new != old:
-            path.write_text(new)
-            changed += 1
-    if not changed:
-        stop('The CMake files of the ROS wheels are not as expected: nothing needs repair.')
+    files = [each for each in VENV.glob('share/**/*.cmake') if '/opt/python/' in each.read_text()]
+    if not files:
+        sys.exit('The CMake files of the ROS wheels are not as expected: nothing needs repair.')
+    for path in files:
+        text = repaired(path.read_text(), include, site_packages)
+        if '/opt/python/' in text:
+            sys.exit(f"{path} names a builder's folder that the set-up cannot repair.")
+        path.write_text(text)
 
 
 def build_workspace(*, sourced: bool) -> None:
     """Build src/ into build/ and install/ with colcon."""
     environment = dict(os.environ)
-    command: list[object] = ['colcon', 'build']
+    command: list[object] = ['colcon', 'build', '--base-paths', 'src', '--symlink-install']
     if not sourced:
         environment['AMENT_PREFIX_PATH'] = environment['CMAKE_PREFIX_PATH'] = str(VENV)
         environment['PATH'] = f'{VENV / "bin"}{os.pathsep}{environment["PATH"]}'
-        command = [VENV / 'bin/colcon', 'build']
-    command += ['--base-paths', 'src', '--symlink-install']
-    if not sourced:
         command += ['--packages-skip', 'evgp_race_watch_cpp']  # the wheels have no rclcpp
         command += ['--cmake-args', f'-DPython3_EXECUTABLE={VENV / "bin/python"}']
     run_quietly('Building the workspace, two to four minutes', command, environment)
@@ -303,7 +284,7 @@ def main() -> None:
         print(reason or python.executable)
         raise SystemExit(1 if reason else 0)
     if reason:
-        stop(reason)
+        sys.exit(reason)
     if not sourced:
         # Keep out any other workspace that this shell has sourced.
         for name in ('COLCON_PREFIX_PATH', 'PYTHONPATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE'):
@@ -319,14 +300,13 @@ def main() -> None:
     # Unless PYTHON names an interpreter, .venv may contain any that fits.
     chosen = python.version if os.environ.get('PYTHON') else ''
     # The place is part of the key, because venv and colcon write absolute paths.
-    place = [('root', str(ROOT).encode()), ('sourced', str(sourced).encode())]
-    key = digest(place + locks('build.txt', 'ros.txt', 'tools.txt'))
+    key = digest([ROOT, sourced, *locks('build.txt', 'ros.txt', 'tools.txt')])
     has_python = (VENV / f'bin/python{chosen}').exists()
     make(VENV_STAMP, key, lambda: make_venv(sourced=sourced), has_python)
     if '--console' in sys.argv:
         qt = "Qt for the officials' console"
         make(CONSOLE_STAMP, digest(locks('console.txt')), lambda: install(qt, 'console.txt'))
-    built = digest([(key, b''), *build_inputs(ROOT / 'src')])
+    built = digest([key, *build_inputs(ROOT / 'src')])
     is_there = (INSTALL / 'setup.bash').exists()
     make(BUILD_STAMP, built, lambda: build_workspace(sourced=sourced), is_there)
 
@@ -335,4 +315,4 @@ if __name__ == '__main__':
     try:
         main()
     except OSError as problem:  # such as a full disk, or a clone that belongs to somebody else
-        stop(f'The set-up failed ({problem}). Fix the cause, then run the same command again.')
+        sys.exit(f'The set-up failed ({problem}). Fix the cause, then run the same command again.')
