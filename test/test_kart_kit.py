@@ -338,6 +338,22 @@ def test_the_header_gives_the_same_answers_on_another_machine(
         assert difference(driver, live(chance, 4000, index)) == ''
 
 
+# ----- the board around it -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('target', ['', *TARGETS])
+def test_a_board_stops_without_a_link_and_comes_back(compile_kit: Compile, target: str) -> None:
+    board = compile_for(compile_kit, target, 'test/board.c')
+
+    done = subprocess.run([str(board)], capture_output=True, text=True)
+
+    assert done.returncode == 0, done.stdout
+    assert min(int(count) for count in done.stdout.split()) >= 50  # each thing happened, and often
+
+
+# ----- faults --------------------------------------------------------------------------------
+
+
 FAULTS = [
     ('>= kart->settings.frame_timeout_ms', '> kart->settings.frame_timeout_ms'),
     ('(backwards || (uint32_t)(now - kart->heard_at)', '((uint32_t)(now - kart->heard_at)'),
@@ -394,43 +410,6 @@ FAULTS = [
     ('EVGP_IN_GARAGE = 1', 'EVGP_IN_GARAGE = 6'),  # not the number of the message
 ]
 
-
-def put_fault(folder: pathlib.Path, old: str, new: str) -> None:
-    """Write the headers into a folder, with a fault."""
-    texts = {each.name: each.read_text(encoding='utf-8') for each in KIT.glob('*.h')}
-    assert sum(text.count(old) for text in texts.values()) == 1, old
-    for name, text in texts.items():
-        (folder / name).write_text(text.replace(old, new), encoding='utf-8')
-
-
-@functools.cache
-def history_of(index: int) -> History:
-    return live(random.Random(300 + index), 4000, index)  # of these, the first few find each fault
-
-
-@pytest.mark.parametrize(('old', 'new'), FAULTS, ids=range(len(FAULTS)))
-def test_a_fault_in_the_header_is_found(
-    compile_kit: Compile, tmp_path: pathlib.Path, old: str, new: str
-) -> None:
-    put_fault(tmp_path, old, new)
-    driver = compile_kit('test/driver.c', *C99, '-w', kit=tmp_path)
-
-    assert any(difference(driver, history_of(index)) for index in range(20))
-
-
-# ----- the board around it -------------------------------------------------------------------
-
-
-@pytest.mark.parametrize('target', ['', *TARGETS])
-def test_a_board_stops_without_a_link_and_comes_back(compile_kit: Compile, target: str) -> None:
-    board = compile_for(compile_kit, target, 'test/board.c')
-
-    done = subprocess.run([str(board)], capture_output=True, text=True)
-
-    assert done.returncode == 0, done.stdout
-    assert min(int(count) for count in done.stdout.split()) >= 50  # each thing happened, and often
-
-
 BOARD_FAULTS = [
     ('    board->hardware->act(EVGP_BRAKE);\n', ''),
     ('    evgp_kart_closed(&board->kart, board->hardware->now());\n', ''),
@@ -473,16 +452,32 @@ BOARD_FAULTS = [
 ]
 
 
-@pytest.mark.parametrize(('old', 'new'), BOARD_FAULTS, ids=range(len(BOARD_FAULTS)))
-def test_a_fault_in_the_board_is_found(
-    compile_kit: Compile, tmp_path: pathlib.Path, old: str, new: str
-) -> None:
-    put_fault(tmp_path, old, new)
-    board = compile_kit('test/board.c', *C99, '-w', kit=tmp_path)
+@functools.cache
+def history_of(index: int) -> History:
+    return live(random.Random(300 + index), 4000, index)  # of these, the first few find each fault
 
-    done = subprocess.run([str(board)], capture_output=True, text=True)
-    assert done.returncode == 1
-    assert 'broken' in done.stdout
+
+@pytest.mark.parametrize(
+    ('source', 'old', 'new'),
+    [
+        *(('driver', *each) for each in FAULTS),
+        *(('board', *each) for each in BOARD_FAULTS),
+    ],
+)
+def test_a_fault_in_the_headers_is_found(
+    compile_kit: Compile, tmp_path: pathlib.Path, source: str, old: str, new: str
+) -> None:
+    texts = {each.name: each.read_text(encoding='utf-8') for each in KIT.glob('*.h')}
+    assert sum(text.count(old) for text in texts.values()) == 1, old
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text.replace(old, new), encoding='utf-8')
+    program = compile_kit(f'test/{source}.c', *C99, '-w', kit=tmp_path)
+
+    if source == 'driver':
+        assert any(difference(program, history_of(index)) for index in range(20))
+    else:
+        done = subprocess.run([str(program)], capture_output=True, text=True)
+        assert (done.returncode, done.stdout[:6]) == (1, 'broken')
 
 
 # ----- compilers -----------------------------------------------------------------------------
