@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import contextlib
 from fnmatch import fnmatchcase
-import os
 import pathlib
-import signal
-import subprocess
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.official import SERVICES
-from evgp_testing.process import executable, Process
+from evgp_testing.process import executable, Process, Program
 from evgp_testing.race_control import settings, Timekeeper, write_roster
 from evgp_testing.ros_side import RosSide
 from evgp_timing.corrections import CORRECTIONS
@@ -116,25 +113,16 @@ def test_officials_may_give_every_command_and_publish_nothing_of_race_controls()
 
 
 def test_watching_takes_no_more_than_watchers_are_allowed_who_may_command_nothing(
-    start_race_control: StartRaceControl, join_official: JoinOfficial
+    start_race_control: StartRaceControl, join_official: JoinOfficial, parts: contextlib.ExitStack
 ) -> None:
-    official = join_official(start_race_control(in_race=(1,)))
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
     node, named = official.node, ('rcs_ctl', '/')
-    watch = subprocess.Popen(
-        [executable('evgp_rcs_console', 'rcs_ctl'), 'watch'],
-        stdout=subprocess.DEVNULL,
-        env={**os.environ, 'ROS_DOMAIN_ID': str(node.context.get_domain_id())},
-    )
-    with watch:
-        try:
-            hears = {'/rcs/race', '/rcs/events'}
-            official.wait_until_polled(
-                lambda: hears <= in_graph(node, named).subscribed, 'the watcher'
-            )
-            seen = in_graph(node, named)
-        finally:
-            watch.send_signal(signal.SIGINT)
-
+    command = [executable('evgp_rcs_console', 'rcs_ctl'), 'watch']
+    parts.enter_context(Program('watch', command, control.domain))
+    hears = {'/rcs/race', '/rcs/events'}
+    official.wait_until_polled(lambda: hears <= in_graph(node, named).subscribed, 'the watcher')
+    seen = in_graph(node, named)
     assert seen.asked == allowed('/watchers', 'services', 'request') == set()
     assert seen.published <= allowed('/watchers', 'topics', 'publish') == OF_RCLPY
     assert seen.subscribed <= allowed('/watchers', 'topics', 'subscribe')
