@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 import itertools
@@ -58,9 +58,8 @@ def draw(
     def at(x: float, y: float) -> str:
         return f'{(x - min(xs) + 4) * SCALE:.0f},{(max(ys) - y + 13) * SCALE:.0f}'
 
-    def over_time(attribute: str, value: Callable[[Look], str]) -> str:
-        """Return the animation of an attribute, by its changes."""
-        values = [value(look) for look in looks]
+    def over_time(attribute: str, values: Sequence[str]) -> str:
+        """Return the animation of an attribute, by its value in each look."""
         changes = [at for at, new in enumerate(values) if at == 0 or new != values[at - 1]]
         times = ';'.join(f'{index / len(looks):.4f}' for index in changes)
         listed = ';'.join(values[index] for index in changes)
@@ -69,17 +68,11 @@ def draw(
             f'calcMode="discrete" keyTimes="{times}" values="{listed}"/>'
         )
 
-    def shown(where: Callable[[Look], bool]) -> str:
-        return over_time('visibility', lambda look: 'visible' if where(look) else 'hidden')
+    def shown(where: Iterable[bool]) -> str:
+        return over_time('visibility', ['visible' if each else 'hidden' for each in where])
 
     def sent(number: int) -> str:
-        return over_time('fill', lambda look: COLOURS[look.karts[number][3]])
-
-    def while_laps(number: int, laps: int) -> str:
-        return shown(lambda look: look.karts[number][4] == laps)
-
-    def while_state(state: RaceState) -> str:
-        return shown(lambda look: look.state is state)
+        return over_time('fill', [COLOURS[look.karts[number][3]] for look in looks])
 
     def kart(number: int) -> str:
         values = ';'.join(at(*look.karts[number][:2]) for look in looks)
@@ -100,7 +93,7 @@ def draw(
         'font-family="DejaVu Sans, Verdana, sans-serif">',
         f'<rect width="{width:.0f}" height="{height:.0f}" fill="#f3f5ef"/>',
         f'<rect width="{width:.0f}" height="64">',
-        over_time('fill', lambda look: COLOURS[look.state]),
+        over_time('fill', [COLOURS[look.state] for look in looks]),
         '</rect>',
     ]
     for state in RaceState:
@@ -110,7 +103,7 @@ def draw(
                 f'<text x="24" y="44" font-size="34" font-weight="bold" '
                 f'fill="{"#111" if dark else "#fff"}" visibility="hidden">'
                 f'{state.value.replace("_", " ")}'
-                f'{while_state(state)}</text>'
+                f'{shown(look.state is state for look in looks)}</text>'
             )
     for stroke, colour in ((track.width + 0.6, '#555'), (track.width, '#b9bcb4')):
         parts.append(
@@ -126,6 +119,7 @@ def draw(
         for laps in range(max(look.karts[number][4] for look in looks) + 1):
             text = f'{number} {escape(team)}: {laps} {"lap" if laps == 1 else "laps"}'
             where = f'dx="30" {left} font-size="19" visibility="hidden"'
-            parts.append(f'<text {where}>{text}{while_laps(number, laps)}</text>')
+            now = shown(look.karts[number][4] == laps for look in looks)
+            parts.append(f'<text {where}>{text}{now}</text>')
     parts += [kart(number) for number in reversed([*teams])]
     return '\n'.join([*parts, '</svg>\n'])
