@@ -93,14 +93,19 @@ def test_a_package_for_another_python_than_the_systems_is_not_built(
         deb.need_python_of(system)
 
 
-def test_the_package_is_neither_removed_nor_replaced_while_a_program_of_it_runs() -> None:
+def test_the_package_is_neither_removed_nor_replaced_while_a_program_of_it_runs(
+    tmp_path: pathlib.Path,
+) -> None:
+    # In a place of its own, because the script asks about all programs of this machine.
+    before_removal = deb.BEFORE_REMOVAL.replace(deb.HOME, str(tmp_path))
+
     def upgrade() -> int:
-        return subprocess.run(['sh', '-c', deb.BEFORE_REMOVAL, 'prerm', 'upgrade']).returncode
+        return subprocess.run(['sh', '-c', before_removal, 'prerm', 'upgrade']).returncode
 
     # as evgp-run starts it, and as the units of systemd do
     for program in (
-        [f'{deb.HOME}/install/evgp_rcs/lib/evgp_rcs/rcs_node', '60'],
-        [f'{deb.HOME}/.venv/bin/python', '60'],
+        [f'{tmp_path}/install/evgp_rcs/lib/evgp_rcs/rcs_node', '60'],
+        [f'{tmp_path}/.venv/bin/python', '60'],
     ):
         with subprocess.Popen(program, executable=shutil.which('sleep')) as running:
             while not pathlib.Path(f'/proc/{running.pid}/cmdline').read_bytes():
