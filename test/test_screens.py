@@ -53,7 +53,7 @@ LIKELY = {
 """What officials are likely to do; None: they count a lap."""
 
 
-class Timed:
+class Timed(PaperRace):
     """
     A run of race control beside the timekeeper, who hears all that it says.
 
@@ -61,8 +61,8 @@ class Timed:
     """
 
     def __init__(self, desk: Desk, run: str) -> None:
-        self.paper = PaperRace(TEAMS, [rules.Heat(heat.name, heat.karts) for heat in HEATS])
-        self.paper.race.run = run
+        super().__init__(TEAMS, [rules.Heat(heat.name, heat.karts) for heat in HEATS])
+        self.race.run = run
         self.desk = desk
         self.said: dict[int, Standings] = {}
         self._heard = 0
@@ -70,24 +70,23 @@ class Timed:
     def correct(self, act: Act, kart: int, **terms: int | bool | str) -> None:
         self.hear()
         asked = Correction(act, 'Ben', kart, reason='it was seen')._replace(**terms)
-        self.desk.feed(Corrected(self.paper.now, asked))
+        self.desk.feed(Corrected(self.now, asked))
 
     def hear(self) -> Standings:
         """Have the timekeeper hear what is new, and return the results."""
-        new = [each for each in self.paper.stamped if each.sequence > self._heard]
-        self._heard += len(new)
-        for event in events_message(new, self.paper.race.run).events:
-            if (told := told_of(event, self.paper.race.run)) is not None:
+        new, self._heard = self.stamped[self._heard :], len(self.stamped)
+        for event in events_message(new, self.race.run).events:
+            if (told := told_of(event, self.race.run)) is not None:
                 self.desk.feed(told)
-        found = self.desk.standings(self.paper.now)
-        if found.run == self.paper.race.run:
+        found = self.desk.standings(self.now)
+        if found.run == self.race.run:
             self.said[found.race] = found
         return found
 
     @property
     def shown(self) -> Snapshot:
         """Return what race control says."""
-        return snapshot_of(self.paper.race, self.paper.now)
+        return snapshot_of(self.race, self.now)
 
 
 def moments(chance: random.Random, steps: int) -> Iterator[tuple[Timed, bool]]:
@@ -95,31 +94,30 @@ def moments(chance: random.Random, steps: int) -> Iterator[tuple[Timed, bool]]:
     desk = Desk(Roster((*TEAMS,), {}, HEATS), LapSettings())
     timed = Timed(desk, 'run 1')
     for step in range(steps):
-        paper, number = timed.paper, chance.choice([*TEAMS])
-        race, heat = paper.race, chance.choice(HEATS).name
+        number, heat = chance.choice([*TEAMS]), chance.choice(HEATS).name
         what = chance.random()
         if what < 0.01:
-            now, memory = paper.now + 5.0, race.memory()
+            now, memory = timed.now + 5.0, timed.race.memory()
             yield timed, True
             timed = Timed(desk, f'run {step}')
-            timed.paper.now = now
-            timed.paper.feed(Recovered(now, memory, chance.choice([*LastRun])))
+            timed.now = now
+            timed.feed(Recovered(now, memory, chance.choice([*LastRun])))
         elif what < 0.1:
-            paper.connect(number)
+            timed.connect(number)
         elif what < 0.11:
-            paper.lose(number)
+            timed.lose(number)
         elif what < 0.4:
-            paper.acknowledge()
+            timed.acknowledge()
         elif what < 0.55:
             timed.correct(Act.COUNT, number)
         elif what < 0.56:
             timed.correct(Act.PENALISE, number, seconds=5, disqualified=chance.random() < 0.5)
         elif what < 0.65:
-            paper.wait(chance.choice((0.3, 4.0)))
+            timed.wait(chance.choice((0.3, 4.0)))
         elif what < 0.67:
-            paper.command(chance.choice([*CATALOGUE]), number, heat=heat)
-        elif (kind := chance.choice(LIKELY[race.state])) is not None:
-            paper.command(kind, number, heat=heat)
+            timed.command(chance.choice([*CATALOGUE]), number, heat=heat)
+        elif (kind := chance.choice(LIKELY[timed.race.state])) is not None:
+            timed.command(kind, number, heat=heat)
         else:
             timed.correct(Act.COUNT, number)
         yield timed, False
@@ -179,7 +177,7 @@ def test_report_and_table_say_of_a_race_what_the_screens_said_of_it_last(
     for timed, ends in moments(random.Random(seed), 300):
         timed.hear()
         if ends:
-            keep_results(timed.paper.write(record), *timed.said.values())
+            keep_results(timed.write(record), *timed.said.values())
             last.append(timed)
 
     written = rows_of(record, '--all')
