@@ -340,6 +340,7 @@ class KartList(Panel):
             self._tiles.update()
         if len(before) != len(rows):
             self.fit()
+            self.window().place_sheets()  # a scroll bar moves the stops
 
     def bring_into_view(self, number: int) -> None:
         if number in self.numbers:
