@@ -11,7 +11,6 @@ from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console.commands import (
     CERTAIN,
     Given,
-    LATE,
     OUTLIVES,
     PRESS_AGAIN,
     RaceBegan,
@@ -205,6 +204,6 @@ def test_what_has_waited_longest_is_told_once_it_is_late() -> None:
     flag = Standing(Given(CommandKind.RED_FLAG), since=2.0)
     unanswered.stops = (kill, flag)
 
-    for at, command, stops in ((1.0, None, []), (2.0, older, [kill]), (3.0, older, [kill, flag])):
-        assert unanswered.oldest(at + LATE / 2) is command
-        assert unanswered.late_stops(at + LATE / 2) == stops
+    for at, command, stops in ((1.2, None, []), (2.2, older, [kill]), (3.2, older, [kill, flag])):
+        assert unanswered.oldest(at) is command
+        assert unanswered.late_stops(at) == stops
