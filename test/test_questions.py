@@ -70,10 +70,12 @@ class Walk(PaperRace):
         self.chance = chance
         karts = tuple(Entrant(each, f'T{each}', chance.random() < 0.6) for each in NUMBERS)
         super().__init__({}, setup=Setup(karts, RaceTimes(finish_delays=(0.5,)), (), 1.0))
-        if chance.random() < 0.3:
+        begins = chance.random()
+        if begins < 0.3:
             last = chance.choice([*LastRun])
-            memory = self._left_behind() if chance.random() < 0.7 else None
-            self.feed(inputs.Recovered(self.now, memory, last))
+            self.feed(inputs.Recovered(self.now, self._left_behind(), last))
+        elif begins < 0.5:  # this machine has no record yet
+            self.feed(inputs.Recovered(self.now, None, LastRun.NONE))
         self.connect(*(number for number in NUMBERS if chance.random() < 0.8))
 
     def _left_behind(self) -> RaceMemory:
