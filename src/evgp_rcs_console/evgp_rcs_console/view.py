@@ -379,10 +379,11 @@ class Screen:
         Return the karts that are due to be sent FINISH, or a note that each must drive by now.
 
         Only an official can see whether a kart is driving (§3.A), so the note is shown for a while
-        whatever the karts report. A kart that has crossed the line needs no reminder.
+        whatever the karts report. A kart that has crossed the line needs no reminder. What is said
+        of the MSR comes first, and the line has room for one of the two.
         """
         race, own = self.snapshot, self.own_results
-        if self.danger.title:
+        if self.danger.title or self.msr.text:
             return ''
         if done := [str(kart.number) for kart in race.karts if self.last_lap_is_done(kart)]:
             return f'FINISH {", ".join(done)}: last lap done'

@@ -685,6 +685,7 @@ def test_once_the_race_is_green_for_30_s_it_is_said_that_each_kart_must_have_beg
 
     assert ('30 s' in reminder, bool(reminder)) == (reminded, reminded)
     assert not screen_of(known, age, danger=SILENT, **race).reminder
+    assert not screen_of(known, age, alerts=(lost(7),), **race).reminder  # there is room for one
 
 
 # ----- laps ---------------------------------------------------------------------------------
