@@ -74,7 +74,8 @@ class Timed(PaperRace):
 
     def hear(self) -> Standings:
         """Have the timekeeper hear what is new, and return the results."""
-        new, self._heard = self.stamped[self._heard :], len(self.stamped)
+        heard, self._heard = self._heard, len(self.stamped)
+        new = self.stamped[heard:]
         for event in events_message(new, self.race.run).events:
             if (told := told_of(event, self.race.run)) is not None:
                 self.desk.feed(told)
