@@ -1225,9 +1225,9 @@ class Race:
 
     def _record_msr(self, command: Command, now: float) -> str:
         # The MSR's relay may restore power later; by then every kart must be held in RED_RED.
-        self._all_kill(command, now)
+        sent = self._all_kill(command, now)
         self.msr_used = True
-        return 'MSR use recorded. RED_RED sent to all karts'
+        return f'MSR use recorded. {sent}'
 
     def _stop_kart(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
