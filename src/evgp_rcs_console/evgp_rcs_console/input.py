@@ -90,7 +90,7 @@ class CommandInput(QtCore.QObject):
         if not down.is_same_command(button):
             self.refuse_changed(down)
         elif down.kart and sent and sent.key == undoes and clock.now() - sent.at < UNDO_AFTER:
-            why = f'the click before it sent {texts.full_name(sent)}. Click again.'
+            why = f'{texts.full_name(sent)} was sent just before it. Click again.'
             self._bottom.say_unsent(down.name, why)
         else:
             self.press(button)

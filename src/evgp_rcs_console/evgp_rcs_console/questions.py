@@ -142,6 +142,9 @@ class Asked:
         command, race, kart = self.command, self.race, self.kart
         entry, does = CATALOGUE[command], self.effects
         said = [entry.note] if entry.note else []
+        if command is CommandKind.KART_UNDO_FINISH and kart is not None:
+            sent = 'has been sent' if kart.flag_at is None else 'has not been sent yet'
+            said.append(f'Its RED FLAG {sent}.')
         if command is CommandKind.RECORD_MSR and race.banner:
             said.append(f'{race.banner}: the instructor uses the MSR for you. Say "MSR" first.')
         if 'hold' in entry.takes and kart is not None and kart.hold is not None:

@@ -155,10 +155,17 @@ UNDER_WAY = (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN)
 
 
 def missing(race: Snapshot) -> str:
-    """Return the karts in the race that have not obeyed their order yet; empty if all have."""
+    """
+    Return the karts in the race that have not obeyed their order yet; empty if all have.
+
+    Once the MSR was used, the race waits for no kart that has no connection.
+    """
     racing = [kart for kart in race.karts if kart.in_race and kart.sent is not RaceState.IN_GARAGE]
     late = [
-        kart for kart in racing if not kart.connected or not kart.acknowledged or kart.in_doubt
+        kart
+        for kart in racing
+        if (not kart.acknowledged or kart.in_doubt)
+        and (kart.connected or not race.track.msr_used)
     ]
     if not late:
         return ''

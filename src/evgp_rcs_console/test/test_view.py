@@ -121,6 +121,11 @@ def test_a_question_about_other_karts_another_statement_or_hold_is_another_quest
     for other in (asking('one', 1, 2, 3), asking('other', 1, 2), asking('', 1, 2), of_hold):
         assert not asked.asks_the_same(other)
     assert asked.asks_the_same(replace(asked, reason='not now', label='other'))
+    undo, sent = (
+        with_kart(place=1, flag_at=flag_at).button(CommandKind.KART_UNDO_FINISH, 7)
+        for flag_at in (RACE.stamp + 4.0, None)
+    )
+    assert not undo.asks_the_same(sent)  # whether the kart races on is not the same
 
 
 def test_a_question_speaks_of_one_kart_and_of_several_and_says_who_stays_held_and_why() -> None:
