@@ -18,6 +18,7 @@ apply:
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable
 import dataclasses
 import enum
@@ -28,7 +29,6 @@ import statistics
 from evgp_inspection.limits import Limits
 from evgp_inspection.traces import Event, Kind, Said, SentState, Trace
 from evgp_inspection.verdicts import EARLY, Finding, Verdict
-from evgp_protocol.hearing import FLOOD, FLOOD_BYTES
 from evgp_protocol.states import RaceState
 
 IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
@@ -65,6 +65,9 @@ FAST = 10
 SOONER = 0.95
 """Fraction of the time until the RED_FLAG report within which an unseen kart must report
 RED_RED."""
+
+MOST_BYTES_A_SECOND = 4096 * 12
+"""Maximum number of bytes per second that is not a flood."""
 
 AROUND = 2.0
 """Time before and after a breach that the evidence for it covers, in seconds."""
@@ -249,6 +252,8 @@ class Oracle:
         self._first_seen = math.inf  # when the first odometry came
         self._said_due: Due | None = None
         self._back_due: Due | None = Due('K-4A-01', 0.0, limits.connect, 'connect')
+        self._recent: deque[Event] = deque()
+        self._bytes = 0
 
     @classmethod
     def of(cls, events: Iterable[Event], limits: Limits) -> Oracle:
@@ -323,6 +328,8 @@ class Oracle:
         self._let_time_pass(at)
         if event.kind is Kind.SPEED and math.isfinite(event.value):
             self._take_speed(at, abs(event.value))
+        elif event.kind is Kind.SAID:
+            self._take_bytes(event)
         elif event.kind is Kind.SENT:
             self._take_sent(event, self.trace.wires[event.link].orders[ordered:])
         elif event.kind is Kind.STEP:
@@ -370,9 +377,6 @@ class Oracle:
             if seen and not (spell.moved or spell.broken):
                 why = 'it reported GREEN_GREEN, but its wheels stood still.'
                 self._break('K-3A-05', why, now)
-        if self.trace.floods:
-            why = f'It sent {FLOOD_BYTES} bytes or more in one beat, again and again.'
-            self._fail('K-4C-10', why, now - FLOOD, now)
         for link, since in [*self._doubtful.items()]:
             if now > since + limits.slack:
                 del self._doubtful[link]
@@ -707,6 +711,17 @@ class Oracle:
             self._fail('K-4C-09', why, sent.at, at, since)
         elif said.state is sent.state:
             self._pass('K-4C-09', 'It reported nothing but the state that it was being sent.', at)
+
+    def _take_bytes(self, event: Event) -> None:
+        self._recent.append(event)
+        self._bytes += len(event.data)
+        while self._recent[0].at < event.at - 1.0:
+            self._bytes -= len(self._recent.popleft().data)
+        if self._bytes > MOST_BYTES_A_SECOND:
+            why = f'It sent {self._bytes} bytes in one second.'
+            self._fail('K-4C-10', why, event.at - 1.0, event.at)
+            self._recent.clear()
+            self._bytes = 0
 
     # ----- how hard it brakes -------------------------------------------------------------------
 

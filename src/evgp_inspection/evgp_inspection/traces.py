@@ -118,14 +118,12 @@ class Trace:
 
     :ivar said: everything that the kart sent.
     :ivar wires: the connections, by their numbers.
-    :ivar floods: whether the kart has flooded for so long that race control would drop it.
     """
 
     def __init__(self) -> None:
         self.events: list[Event] = []
         self.said: list[Said] = []
         self.wires: defaultdict[int, Wire] = defaultdict(Wire)
-        self.floods = False
         self._time = self._beats = 0.0
         self._sent: dict[int, SentState] = {}  # of the connections that are open
         self._acknowledged: set[SentState] = set()
@@ -191,7 +189,7 @@ class Trace:
         while self._beats + BEAT <= self._time:
             self._beats += BEAT
             for wire in (self.wires[link] for link in self._sent):
-                self.floods |= wire.hearing.beat(now)
+                wire.hearing.beat(now)
                 for _, serial in wire.hearing.settled():
                     self._acknowledged.add(wire.orders[serial - 1])
 
