@@ -60,7 +60,7 @@ KIND :=
 DEVICE :=
 
 .PHONY: help setup deb demo sim rehearsal test test-long bench soak fuzz run roster record console ctl board button bridge timing \
-  timekeeper spare takeover inspect-kart survey screenshots kit-size lines headers lint format clean
+  timekeeper spare takeover inspect-kart survey screenshots kit-size lines lint format clean
 
 # Officials and teams see what the programs print, and not the recipes.
 .SILENT: board bridge button console ctl record rehearsal roster run spare takeover timekeeper timing
@@ -224,18 +224,10 @@ kit-size:
 lines:
 	@python3 setup/lines.py
 
-# Names each source file, and each script without a suffix, that does not begin with the copyright
-# and the licence. Empty files need neither; the file LICENSE covers the rest.
-SEARCH := git grep --no-index --exclude-standard -I
-SOURCES := '*.[ch]' '*.[ch]pp' '*.css' '*.html' '*.ino' '*.j2' '*.js' '*.py' '*CMakeLists.txt' '*Makefile'
-headers:
-	@! $(SEARCH) -lz . -- $(SOURCES) $$($(SEARCH) -l '^#!' -- ':(exclude,glob)**/*.*') | xargs -0r \
-	  grep -LPz '\A(.*\n){0,2}\W*Copyright \d{4} .*\n\W*SPDX-License-Identifier: Apache-2\.0\b' | grep .
-
 # Every check runs, even if an earlier one failed.
 lint:
 	@failed=; \
-	for check in 'make -s headers' 'ruff check' 'ruff format --check' 'setup/without-ros flake8' \
+	for check in 'ruff check' 'ruff format --check' 'setup/without-ros flake8' \
 	    'pydocstyle bench fuzz kit setup soak src test' mypy; do \
 	  echo "$$check"; \
 	  $(IN_WORKSPACE) $$check || failed=1; \

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import ast
 import configparser
+import os
 import pathlib
 import re
-import subprocess
 import sys
 
 from catkin_pkg.changelog import get_changelog_from_path
@@ -188,23 +188,39 @@ def test_every_launch_file_is_launched_by_a_test() -> None:
     assert [name for name in files if f"'{name}'" not in text] == []
 
 
-def test_a_new_file_is_named_until_it_has_a_header(tmp_path: pathlib.Path) -> None:
-    files = {
-        'Makefile': ('', '#'),
-        'new.h': ('', '//'),
-        'new.py': ('', '#'),
-        'page.html': ('<!doctype html>\n', '<!--'),
-        'run': ('#!/bin/sh\n', '#'),
-    }
-    header = 'Copyright 2026 EVGP contributors\n{} SPDX-License-Identifier: Apache-2.0'
-    command = ['make', '-s', '-f', ROOT / 'Makefile', 'headers']
-    for header_or_not, named in (('text', [*files]), (header, [])):
-        for name, (begins, marks) in files.items():
-            text = f'{begins}{marks} {header_or_not.format(marks)}\n'
-            (tmp_path / name).write_text(text, encoding='utf-8')
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-        assert done.stdout.split() == named, done.stderr
-        assert (done.returncode == 0) is (named == [])
+HEADER = re.compile(r'\W*(.*\n\W*)?Copyright \d{4} .*\n\W*SPDX-License-Identifier: Apache-2\.0\b')
+"""The copyright and the licence, after a line for the browser or the shell."""
+
+SOURCE = re.compile(r'.*\.([ch]|[ch]pp|css|html|ino|j2|js|py)|CMakeLists\.txt|Makefile')
+
+
+def lacks_header(name: str, text: str) -> bool:
+    """Return whether a source file, or a script without a suffix, does not begin with a header."""
+    is_source = SOURCE.fullmatch(name) or ('.' not in name and text.startswith('#!'))
+    return bool(text and is_source and not HEADER.match(text))
+
+
+def test_every_source_file_begins_with_its_copyright_and_its_licence() -> None:
+    header = '# Copyright 2026 EVGP\n# SPDX-License-Identifier: Apache-2.0\n'
+    for name, begins in (
+        ('a.py', ''),
+        ('Makefile', ''),
+        ('page.html', '<!-- \n'),
+        ('run', '#!/bin/sh\n'),
+    ):
+        assert not lacks_header(name, begins + header)
+        assert lacks_header(name, f'{begins}# text\n')
+    lacking = []
+    for folder, folders, names in os.walk(ROOT):
+        made = {'__pycache__', 'build', 'install', 'log'}
+        folders[:] = [
+            each for each in folders if each == '.ci' or not (each[0] == '.' or each in made)
+        ]
+        paths = [path for name in names if not (path := pathlib.Path(folder, name)).is_symlink()]
+        lacking += [
+            each for each in paths if lacks_header(each.name, each.read_text(errors='replace'))
+        ]
+    assert lacking == []
 
 
 def test_one_file_alone_touches_what_rclpy_keeps_to_itself() -> None:
