@@ -153,6 +153,21 @@ def test_a_question_speaks_of_one_kart_and_of_several_and_says_who_stays_held_an
         assert ('REHEARSAL' in table(screen)[0]) is bool(banner)
 
 
+def test_a_question_says_what_else_a_command_does_and_that_no_kart_is_heard() -> None:
+    held = (replace(KART, hold=RED_FLAG, place=1),)
+    release = screen_of(state=GREEN_GREEN, karts=held).button(CommandKind.KART_IN_GARAGE, 7)
+    for said in (
+        'Takes the kart out of the race.',
+        f'Humans must stay off the track: {GREEN_NOW}.',
+    ):
+        assert said in release.question.consequences
+    grid = screen_of(karts=held).button(CommandKind.GRID_ACTIVE)
+    assert 'Clears the places of the last race.' in grid.question.consequences
+    for command in (CommandKind.IN_GARAGE, CommandKind.OPEN_TRACK):
+        allowed = screen_of(**AWAY, track=replace(RACE.track, allowed=True)).button(command)
+        assert texts.HUMANS_UNKNOWN_REASON in allowed.question.warning
+
+
 def test_to_open_the_track_under_the_msr_the_official_states_that_every_kart_stands() -> None:
     for statement, by_msr in itertools.product(
         ('', 'no race is under way anywhere'), (True, False)
@@ -310,7 +325,8 @@ def test_nothing_is_yellow_while_a_race_goes_as_it_should() -> None:
     # No step is the next while karts drive to their flag, or only the MSR stops one.
     assert not steps(screen_of(state=GREEN_GREEN, karts=(replace(DRIVES, place=1),)))
     covered = TrackAccess(False, True, 'the MSR was used', True)
-    for changes, found in ((LOST, []), (AWAY, [CommandKind.IN_GARAGE])):
+    alarmed = AWAY | {'alerts': (lost(7),)}
+    for changes, found in ((LOST, []), (AWAY, [CommandKind.IN_GARAGE]), (alarmed, [])):
         assert steps(screen_of(**(changes | {'track': covered}))) == found
 
 
@@ -511,6 +527,7 @@ def test_a_row_says_what_a_kart_answered_and_what_it_needs(
     assert row.waits is (answer[0] != '✓' and screen.snapshot.karts[0].connected)
     assert row.place == ('F1' if 'place' in kart else '')
     assert row.note.text.startswith(note) if note else not row.note.text
+    assert (row.note.tone is Tone.BAD) is (note == texts.MAY_MOVE)
 
 
 def test_how_good_a_link_is_is_told_by_bars_a_word_and_a_time() -> None:
@@ -526,6 +543,8 @@ def test_how_good_a_link_is_is_told_by_bars_a_word_and_a_time() -> None:
         for in_race, stands_out in ((True, Tone.BAD), (False, Tone.FAINT)):
             away = with_kart(connected=False, link=link, in_race=in_race).rows[0]
             assert (away.bars, away.link, away.link_time) == (0, Cell('✗ NO LINK', stands_out), '')
+    lost_outside = with_kart(connected=False, in_race=False, may_be_moving=True).rows[0]
+    assert lost_outside.link.tone is Tone.BAD
     assert len(set(BARS.values())) == len(Grade)
     assert with_kart(link=NOT_MEASURED._replace(grade=Grade.GOOD)).rows[0].link_time == ''
 
