@@ -233,8 +233,8 @@ class Terminal:
         flag, _ = entry.flag or ('', '')
         parts = [wanted.command, getattr(wanted, 'kart', ''), getattr(wanted, 'heat', ''), *karts]
         parts.append(flag if wanted.stated or unsaid else '')
-        closes = 'opening' in entry.takes and race.track.open
-        parts += ['--closes', race.track.opening] * closes
+        if 'opening' in entry.takes and race.track.open:
+            parts += ['--closes', race.track.opening]
         parts += ['--official', tidy(wanted.official)] if wanted.official else []
         called = os.environ.get('EVGP_CTL', 'rcs_ctl %s')  # by make, or by the package's commands
         line = called.replace('%s', shlex.join(str(part) for part in parts if part != ''))
