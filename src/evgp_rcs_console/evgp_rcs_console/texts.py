@@ -164,8 +164,7 @@ def missing(race: Snapshot) -> str:
     late = [
         kart
         for kart in racing
-        if (not kart.acknowledged or kart.in_doubt)
-        and (kart.connected or not race.track.msr_used)
+        if (not kart.acknowledged or kart.in_doubt) and (kart.connected or not race.track.msr_used)
     ]
     if not late:
         return ''
