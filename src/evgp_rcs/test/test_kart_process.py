@@ -142,17 +142,21 @@ def test_a_silence_of_the_ros_half_means_red_red_to_every_kart_and_wakes_it(
 ) -> None:
     client = connect(2)
     read_until(client, IN_GARAGE)
-    woken = threading.Event()
-    before = signal.signal(signal.SIGCONT, lambda *_: woken.set())
+    # The handler may interrupt any wait of this thread, so it takes no lock, as an Event would.
+    awaits, wakes = socket.socketpair()
+    before = signal.signal(signal.SIGCONT, lambda *_: wakes.send(b'!'))
     try:
         if spoke:
             half.say(Alive(False))
         assert read_to_end(client).endswith(encode(RED_RED))
         assert f'silent for {ROS_HALF_SILENCE:.0f}' in half.wait_for(Failed).text
-        assert woken.wait(TIMEOUT)
+        awaits.settimeout(TIMEOUT)
+        assert awaits.recv(1)
         assert half.process.wait(TIMEOUT) == 1
     finally:
         signal.signal(signal.SIGCONT, before)
+        awaits.close()
+        wakes.close()
 
 
 def test_a_ros_half_that_reads_nothing_holds_nobody_up_and_loses_no_event(
