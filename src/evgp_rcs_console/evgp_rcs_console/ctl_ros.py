@@ -262,8 +262,9 @@ class Terminal:
                 at = now()
                 screen = hearing.screen(at, {})
             danger = screen.danger
-            lines = [f'*** {danger.title}: {danger.advice} ***', danger.detail]
-            lines = lines if danger.title else []
+            lines = []
+            if danger.title:
+                lines += [f'*** {danger.title}: {danger.advice} ***', danger.detail]
             if screen.snapshot is not NOTHING:
                 lines += table(screen)
             text = '\n'.join(lines)
