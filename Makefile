@@ -6,7 +6,7 @@
 #   PYTHON=python3.12   interpreter to set up with (default: the first that fits)
 #   ARGS='...'          passed on by bench, board, bridge, button, console, ctl, demo, fuzz,
 #                       inspect-kart, record, rehearsal, sim, soak, spare, survey, takeover, test,
-#                       test-long, timekeeper and timing
+#                       test-alone, test-long, timekeeper and timing
 #   WORKERS=8           number of tests that run at the same time; most tests mostly wait
 WORKERS := 8
 
@@ -44,8 +44,8 @@ quoted = '$(subst ','\'',$(1))'
 parameter = -p $(call quoted,$(1):='$(subst ','',$(2))')
 
 # A test must not command a real kart: neither our programs, nor nodes with ROS's own settings.
-bench demo fuzz rehearsal screenshots sim soak test test-long: export EVGP_GRAPH_INTERFACE :=
-bench demo fuzz rehearsal screenshots sim soak test test-long: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+bench demo fuzz rehearsal screenshots sim soak test test-alone test-long: export EVGP_GRAPH_INTERFACE :=
+bench demo fuzz rehearsal screenshots sim soak test test-alone test-long: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 # The kart's bridge: race control's address, and the topic of the kart's odometry, which the bridge
 # then requires. ARGS holds what follows --ros-args, such as '-p auto_acknowledge_stop:=true'.
@@ -59,7 +59,7 @@ AT :=
 KIND :=
 DEVICE :=
 
-.PHONY: help setup deb demo sim rehearsal test test-long bench soak fuzz run roster record console ctl board button bridge timing \
+.PHONY: help setup deb demo sim rehearsal test test-alone test-long bench soak fuzz run roster record console ctl board button bridge timing \
   timekeeper spare takeover inspect-kart survey screenshots kit-size lines lint format clean
 
 # Officials and teams see what the programs print, and not the recipes.
@@ -71,6 +71,7 @@ help:
 	@echo 'make rehearsal  train officials: simulated karts, incidents, debrief  (ARGS="--karts 6")'
 	@echo 'make test    set up and run all tests except the long ones (ARGS="-k roster")'
 	@echo 'make test-long  set up and run the long tests       (ARGS="-k roster")'
+	@echo 'make test-alone  run the long tests that need every processor for themselves'
 	@echo 'make soak    test race control under random faults and commands (ARGS="--seconds 60")'
 	@echo 'make bench   measure how fast a stop reaches karts  (ARGS="--karts 20")'
 	@echo 'make fuzz    fuzz the decoders and the roster loader, guided by coverage'
@@ -124,7 +125,10 @@ test:
 # docs/dev/testing.md says which tests are long, and why. Each free worker takes the next test.
 # Searches use a whole core; with more of them at once, race control and karts could not keep time.
 test-long:
-	$(PYTEST) -n 4 --maxschedchunk 1 -m long $(ARGS)
+	$(PYTEST) -n 4 --maxschedchunk 1 -m 'long and not alone' $(ARGS)
+
+test-alone:
+	$(PYTEST) -m alone $(ARGS)
 
 soak:
 	$(IN_WORKSPACE) python soak/run.py $(ARGS)

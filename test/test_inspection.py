@@ -111,7 +111,7 @@ def killing(folder: pathlib.Path) -> list[str]:
     'busy',
     [
         pytest.param(0, id='alone'),
-        pytest.param(os.cpu_count() or 1, id='busy', marks=pytest.mark.long),
+        pytest.param(os.cpu_count() or 1, id='busy', marks=[pytest.mark.long, pytest.mark.alone]),
     ],
 )
 def test_our_bridge_with_the_stack_of_readme_passes_every_clause(
