@@ -18,8 +18,8 @@ import time
 from evgp_node.restarting import Ends, FIRST_TRIES
 from evgp_protocol.states import RaceState
 from evgp_testing.part import PATIENCE
-from evgp_testing.process import freeze, Process, wait_until_ended
-from evgp_testing.race_control import address_of, new_port, settings, write_roster
+from evgp_testing.process import freeze, wait_until_ended
+from evgp_testing.race_control import address_of, new_port, write_roster
 from evgp_testing.usage import family
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
@@ -32,26 +32,43 @@ RED_RED = RaceState.RED_RED
 IN_GARAGE = RaceState.IN_GARAGE
 
 
-class Kept(Process):
-    """A race control that is kept running."""
+STARTED = {'rcs_node': 'listens for 1 kart', 'timekeeper': 'keeps its book in'}
+"""What each program that `make run` starts says then."""
 
-    def __init__(self, folder: pathlib.Path, domain: int) -> None:
+
+class MakeRun(Terminal):
+    """`make run` in a terminal of its own. ``inside`` are the processes that were seen there."""
+
+    def __init__(self, folder: pathlib.Path, domain: int, *settings: str) -> None:
+        """Start it, with settings of make beside its own."""
         self.port = new_port()
-        given = {**settings(folder, write_roster(folder, [1])), 'port': self.port}
-        super().__init__('evgp_rcs', 'rcs_node', domain, given, under=KEPT)
+        roster, parameters = write_roster(folder, [1]), folder / 'rcs.yaml'
+        record = str(folder / 'record.sqlite3')
+        own = {'record': record, 'port': self.port, 'address': '127.0.0.1'}
+        parameters.write_text(yaml.safe_dump({'/**': {'ros__parameters': own}}), encoding='utf-8')
+        self.inside: set[int] = set()
+        super().__init__(
+            ['make', 'run', f'ROSTER={roster}', f'PARAMS={parameters}', *settings],
+            {'ROS_DOMAIN_ID': str(domain), 'ROS_HOME': str(folder)},
+            ROOT,
+        )
 
-    @property
-    def halves(self) -> tuple[int, int]:
-        """Return the process numbers of the ROS half and of the kart server, once both run."""
-        ends = time.monotonic() + PATIENCE
-        while time.monotonic() < ends:
-            # Either may just have ended.
-            with contextlib.suppress(FileNotFoundError, ProcessLookupError):
-                _, *running = family(self.pid)
-                if len(running) == 3:  # the record's too
-                    return running[0], running[1]
-            time.sleep(0.01)
-        raise AssertionError(f'race control does not run:\n{self.output}')
+    def wait_for(self, pattern: str) -> re.Match[str]:
+        found = super().wait_for(pattern)
+        with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # one has just ended
+            self.inside |= {*family(self.process.pid)}
+        return found
+
+    def wait_until_back(self, program: str) -> None:
+        """Return once a program has been started again since the last call."""
+        self.wait_for('Starting it again')
+        self.wait_for(STARTED[program])
+        self.shown = ''
+
+    def processes_of(self, program: str) -> list[int]:
+        """Return the process of a program, and those that it has started."""
+        found = (pid for pid in self.inside if program in ' '.join(command_of(pid)[1:2]))
+        return family(next(found))
 
     def connect(self) -> WireKart:
         """
@@ -67,88 +84,8 @@ class Kept(Process):
                     kart.wait_for_frames(1)
                     return kart
                 kart.close()
-            assert time.monotonic() < ends, self.output
+            assert time.monotonic() < ends, self.shown
             time.sleep(0.002)
-
-
-@pytest.fixture
-def kept(parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path) -> Kept:
-    return parts.enter_context(Kept(tmp_path, domain))
-
-
-def test_race_control_that_was_killed_comes_back_in_red_red(
-    kept: Kept, record_property: Callable[[str, object], None]
-) -> None:
-    before = kept.connect()
-    before.wait_for_state(IN_GARAGE)
-    for what, half in (('the ROS half', 0), ('the kart server', 1)):
-        halves = kept.halves
-        killed_at = time.monotonic()
-        os.kill(halves[half], signal.SIGKILL)
-
-        before.wait_for_end()
-        before.close()
-        before = kart = kept.connect()
-        back_at = kart.wait_for_state(RED_RED)
-        assert [state for _, state in kart.changes] == [RED_RED]
-        took = f'{back_at - killed_at:.2f} s'
-        print(f'back in RED_RED after {took} without {what}')
-        record_property('back', took)
-        assert not {*halves} & {*kept.halves}
-    before.close()
-    assert kept.output.count('Starting it again') == 2
-
-    # Nor does a kart server that is frozen keep it from coming back.
-    halves = kept.halves
-    freeze(halves[1])
-    os.kill(halves[0], signal.SIGKILL)
-    for pid in halves:
-        wait_until_ended(pid)
-    with kept.connect() as kart:
-        kart.wait_for_state(RED_RED)
-
-
-@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL], ids=lambda each: each.name)
-def test_race_control_ends_in_red_red_for_good_with_the_one_that_keeps_it_running(
-    kept: Kept, number: signal.Signals
-) -> None:
-    halves = kept.halves
-    kart = kept.connect()
-    kart.wait_for_state(IN_GARAGE)
-
-    kept.signal(number)
-
-    assert kept.wait() == (0 if number is signal.SIGTERM else -number)
-    for pid in halves:
-        wait_until_ended(pid)
-    kart.wait_for_end()
-    assert kart.state is RED_RED
-    kart.close()
-
-
-# ----- as an official starts it -------------------------------------------------------------
-
-
-class MakeRun(Terminal):
-    """`make run` in a terminal of its own. ``inside`` are the processes that were seen there."""
-
-    def __init__(self, folder: pathlib.Path, domain: int, *settings: str) -> None:
-        """Start it, with settings of make beside its own."""
-        roster, parameters = write_roster(folder, [1]), folder / 'rcs.yaml'
-        record = str(folder / 'record.sqlite3')
-        own = {'record': record, 'port': new_port(), 'address': '127.0.0.1'}
-        parameters.write_text(yaml.safe_dump({'/**': {'ros__parameters': own}}), encoding='utf-8')
-        self.inside: set[int] = set()
-        super().__init__(
-            ['make', 'run', f'ROSTER={roster}', f'PARAMS={parameters}', *settings],
-            {'ROS_DOMAIN_ID': str(domain), 'ROS_HOME': str(folder)},
-            ROOT,
-        )
-
-    def wait_for(self, pattern: str) -> re.Match[str]:
-        found = super().wait_for(pattern)
-        self.inside |= {*family(self.process.pid)}
-        return found
 
     def close(self) -> None:
         """Close the terminal, as by its window."""
@@ -158,46 +95,77 @@ class MakeRun(Terminal):
         self.process.wait(PATIENCE)
 
 
-STARTED = {'rcs_node': 'listens for 1 kart', 'timekeeper': 'keeps its book in'}
-"""What each program that `make run` starts says then."""
-
-
 @pytest.fixture
 def terminal(parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path) -> MakeRun:
     terminal = parts.enter_context(MakeRun(tmp_path, domain))
     for said in STARTED.values():
         terminal.wait_for(said)
+    terminal.shown = ''
     return terminal
 
 
-def test_under_make_run_each_program_comes_back_and_ctrl_c_ends_all(terminal: MakeRun) -> None:
-    for program, said in STARTED.items():
-        killed = next(
-            pid
-            for pid in sorted(family(terminal.process.pid), reverse=True)
-            if program in ' '.join(command_of(pid)[1:2])
-        )
-        terminal.shown = ''
-        os.kill(killed, signal.SIGKILL)
-        terminal.wait_for('Starting it again')
-        terminal.wait_for(said)
-    terminal.press('\x03')
-
-    for pid in terminal.inside:
-        wait_until_ended(pid)
-
-
-@pytest.mark.parametrize('closed', [False, True], ids=['race control ends', 'terminal closed'])
-def test_the_timekeeper_ends_with_race_control_and_with_the_terminal_under_make_run(
-    terminal: MakeRun, closed: bool
+def test_race_control_that_was_killed_comes_back_in_red_red(
+    terminal: MakeRun, record_property: Callable[[str, object], None]
 ) -> None:
-    loop = next(
+    kart = terminal.connect()
+    kart.wait_for_state(IN_GARAGE)
+    for what, half in (('the ROS half', 0), ('the kart server', 1)):
+        halves = terminal.processes_of('rcs_node')
+        killed_at = time.monotonic()
+        os.kill(halves[half], signal.SIGKILL)
+
+        kart.wait_for_end()
+        kart.close()
+        kart = terminal.connect()
+        back_at = kart.wait_for_state(RED_RED)
+        assert [state for _, state in kart.changes] == [RED_RED]
+        took = f'{back_at - killed_at:.2f} s'
+        print(f'back in RED_RED after {took} without {what}')
+        record_property('back', took)
+        terminal.wait_until_back('rcs_node')
+        assert not {*halves} & {*terminal.processes_of('rcs_node')}
+    kart.close()
+
+    # Nor does a kart server that is frozen keep it from coming back.
+    ros_half, kart_server, _ = terminal.processes_of('rcs_node')
+    freeze(kart_server)
+    os.kill(ros_half, signal.SIGKILL)
+    for pid in (ros_half, kart_server):
+        wait_until_ended(pid)
+    with terminal.connect() as kart:
+        kart.wait_for_state(RED_RED)
+    terminal.wait_until_back('rcs_node')
+
+    os.kill(terminal.processes_of('timekeeper')[0], signal.SIGKILL)
+    terminal.wait_until_back('timekeeper')
+
+
+def loop_of_race_control(terminal: MakeRun) -> int:
+    """Return the process that keeps race control running."""
+    return next(
         pid
         for pid in sorted(terminal.inside)
         if {'-m', 'evgp_node.restarting'} <= {*command_of(pid)}
         and 'rcs_node' in command_of(pid)[3]
     )
-    terminal.hang_up() if closed else os.kill(loop, signal.SIGKILL)
+
+
+ENDS: dict[str, Callable[[MakeRun], object]] = {
+    'Ctrl-C': lambda terminal: terminal.press('\x03'),
+    'terminal closed': MakeRun.hang_up,
+    'killed': lambda terminal: os.kill(loop_of_race_control(terminal), signal.SIGKILL),
+}
+
+
+@pytest.mark.parametrize('how', ENDS)
+def test_race_control_ends_in_red_red_for_good_with_whatever_keeps_it_running(
+    terminal: MakeRun, how: str
+) -> None:
+    with terminal.connect() as kart:
+        kart.wait_for_state(IN_GARAGE)
+        ENDS[how](terminal)
+        kart.wait_for_end()
+        assert kart.state is RED_RED
     for pid in terminal.inside:
         wait_until_ended(pid)
 
