@@ -1,7 +1,12 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What one race control leaves behind for the next on its machine, whatever record that has."""
+"""
+What one race control leaves behind for the next on its machine, however it ends.
+
+What the rules make of a crash is searched (``restart``, ``pause``), also without the last kart;
+what a harmed record leaves is in test_record.py.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +14,10 @@ import contextlib
 import os
 import pathlib
 import random
+import re
 import signal
 import tempfile
+import threading
 import time
 
 from evgp_node.states import state_of
@@ -19,6 +26,7 @@ from evgp_rcs.record.run_mark import place, RUN_BEGAN, RunMark
 from evgp_rcs.record.store import left_behind
 from evgp_rcs.rules.race import LastRun
 from evgp_rcs_msgs import msg
+from evgp_testing.official import SERVICES
 from evgp_testing.process import Process
 from evgp_testing.race_control import address_of, new_port, settings, write_roster
 from evgp_testing.usage import family
@@ -26,6 +34,7 @@ from evgp_testing.wire_kart import kart_socket
 from evgp_testing.wire_race import WireRace
 import pytest
 from rig.networks import own_disk
+from rig.replaying import events_of, replay_without_difference
 
 IN_GARAGE = RaceState.IN_GARAGE
 GREEN_GREEN = RaceState.GREEN_GREEN
@@ -155,6 +164,45 @@ def test_where_the_place_of_the_mark_is_private_nothing_is_proved_and_no_race_st
         race.control.lose_power()
     # No kart had been on the grid: the run that ended well before is still the last.
     assert machine.look() == BEGINS
+
+
+# ----- a crash at every moment of a race -----------------------------------------------------
+
+FEW, MANY = 2, int(os.environ.get('EVGP_KILLS', '8'))
+"""How often race control is killed in `make test`, and in `make test-long`."""
+
+REFUSED = rf'({"|".join(SERVICES)}): |not within .*: a newer race'
+"""What a step says whose command was refused."""
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize('kills', [FEW, pytest.param(MANY, marks=pytest.mark.long)])
+def test_race_control_killed_at_random_comes_back_with_every_kart_held(
+    machine: Machine, chance: random.Random, kills: int
+) -> None:
+    record = machine.folder / 'a' / 'record.sqlite3'
+    for kill in range(kills + 1):
+        with machine.run() as race:
+            if kill:
+                assert seen_in(race) == PROVES_NOTHING
+                assert not race.official.call('green_green').success
+            before, last = chance.choices([*RaceState], k=2)
+            race.bring_to(before)
+            # It dies while the last step is under way: its ROS half, or all of it.
+            end = chance.choice([race.control.kill, race.control.lose_power])
+            killer = threading.Timer(chance.uniform(0.0, 0.03), end)
+            killer.start()
+            race.official.timeout = 0.5
+            try:
+                race.bring_to(last)
+            except AssertionError as error:
+                # Nobody answered any more, or what was accepted did not come about any more.
+                if re.match(REFUSED, str(error)):
+                    raise
+            killer.join()
+        recorded = [event.sequence for event in events_of(record)]
+        assert recorded == list(range(1, len(recorded) + 1))
+        replay_without_difference(record)
 
 
 # ----- a crash at every moment of a start ----------------------------------------------------
