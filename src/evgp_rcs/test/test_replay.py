@@ -9,10 +9,11 @@ from collections.abc import Callable, Iterable, Sequence
 import dataclasses
 import enum
 import functools
+import itertools
 import math
 import pathlib
 import random
-from typing import Any, cast, get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
@@ -182,155 +183,94 @@ def ended(seed: int) -> tuple[Entry, ...]:
 # ----- what somebody changed ------------------------------------------------------------------
 
 
-Fits = Callable[[Entry, Entry | None], bool]
+Fits = Callable[[Any, Any], bool]
 """Whether an entry, with the one after it, is of the kind that is meant."""
 
-Harm = Callable[[list[Entry], random.Random], object]
-"""Changes entries."""
 
-
-def an_order(entry: Entry, after: Entry | None) -> bool:
+def an_order(entry: Any, after: Any) -> bool:
     return isinstance(entry, Ordered)
 
 
-def an_event(entry: Entry, after: Entry | None) -> bool:
+def an_event(entry: Any, after: Any) -> bool:
     return isinstance(entry, StampedEvent) and entry.event.kind not in OF_THE_SERVER
 
 
-def an_event_of_the_server(entry: Entry, after: Entry | None) -> bool:
+def an_event_of_the_server(entry: Any, after: Any) -> bool:
     return isinstance(entry, StampedEvent) and entry.event.kind in OF_THE_SERVER
 
 
-def an_input(entry: Entry, after: Entry | None) -> bool:
+def an_input(entry: Any, after: Any) -> bool:
     """Return whether there is something after it that it has made."""
-    made = after is not None and (an_event(after, None) or an_order(after, None))
+    made = an_event(after, None) or an_order(after, None)
     return made and isinstance(entry, inputs.Input)
 
 
-def a_cause(entry: Entry, after: Entry | None) -> bool:
+def a_cause(entry: Any, after: Any) -> bool:
     """Return whether it is an input that made an event, but no order."""
-    return an_input(entry, after) and after is not None and an_event(after, None)
+    return isinstance(entry, inputs.Input) and an_event(after, None)
 
 
-def a_loss(entry: Entry, after: Entry | None) -> bool:
-    return an_input(entry, after) and isinstance(entry, inputs.Disconnected)
-
-
-def a_tick(entry: Entry, after: Entry | None) -> bool:
-    return isinstance(entry, inputs.Tick)
-
-
-def places(entries: Sequence[Entry], fits: Fits) -> list[int]:
-    both = zip(entries, [*entries[1:], None], strict=True)
-    return [place for place, (entry, after) in enumerate(both) if fits(entry, after)]
-
-
-def missing(fits: Fits) -> Harm:
-    return lambda entries, chance: entries.pop(chance.choice(places(entries, fits)))
-
-
-def twice(fits: Fits) -> Harm:
-    def harm(entries: list[Entry], chance: random.Random) -> None:
-        place = chance.choice(places(entries, fits))
-        entries.insert(place, entries[place])
-
-    return harm
-
-
-def swapped(fits: Fits) -> Harm:
-    def harm(entries: list[Entry], chance: random.Random) -> None:
-        one, other = chance.sample(places(entries, fits), 2)
-        entries[one], entries[other] = entries[other], entries[one]
-
-    return harm
-
-
-def changed(fits: Fits, change: Callable[[Any], Entry]) -> Harm:
-    def harm(entries: list[Entry], chance: random.Random) -> None:
-        place = chance.choice(places(entries, fits))
-        entries[place] = change(entries[place])
-
-    return harm
-
-
-def added(fits: Fits, entry: Entry) -> Harm:
-    """Return what adds an entry after one of a kind."""
-    return lambda entries, chance: entries.insert(chance.choice(places(entries, fits)) + 1, entry)
-
-
-def an_event_is_new(entries: list[Entry], chance: random.Random) -> None:
-    last = cast(StampedEvent, entries[places(entries, an_event)[-1]])
-    number = sum(isinstance(each, StampedEvent) for each in entries) + 1
-    event = last.event._replace(kind=EventKind.COMMAND)
-    entries.append(StampedEvent(number, last.wall_ns, SETUP.now + 9e6, event))
-
-
-def the_end_is_cut_off_amid_what_an_input_made(
-    entries: list[Entry], chance: random.Random
-) -> None:
-    last = places(entries, an_event)[-1]
-    del entries[last:]
-
-
-def another(kind: Any, value: Any) -> Any:
-    """Return another value of a type."""
-    (kind, *_) = get_args(kind) or (kind,)
-    if issubclass(kind, enum.Enum):
-        return next(each for each in kind if each is not value)
-    return not value if kind is bool else value + kind(1)
-
-
-def with_another(name: str, value: Any) -> Any:
+def another(value: Any, name: str) -> Any:
     """Return a tuple that differs in this field."""
-    kind = get_type_hints(type(value))[name]
-    return value._replace(**{name: another(kind, getattr(value, name))})
+    (kind, *_) = get_args(kind := get_type_hints(type(value))[name]) or (kind,)
+    old = getattr(value, name)
+    if issubclass(kind, enum.Enum):
+        return value._replace(**{name: next(each for each in kind if each is not old)})
+    return value._replace(**{name: not old if kind is bool else old + kind(1)})
 
 
-def in_event(name: str) -> Harm:
-    return changed(
-        an_event, lambda stamped: stamped._replace(event=with_another(name, stamped.event))
-    )
-
-
-def in_order(name: str) -> Harm:
-    return changed(
-        an_order,
-        lambda ordered: Ordered((with_another(name, ordered.orders[0]), *ordered.orders[1:])),
-    )
-
-
-ANOTHER_ROSTER = (SETUP.karts[0]._replace(team='Another'), *SETUP.karts[1:])
-IN_INPUTS: dict[str, Harm] = {
-    'an input is later': changed(a_cause, lambda each: each._replace(at=each.at + 1e-6)),
-    'two inputs change places': swapped(an_input),
-}
-HARMS: dict[str, Harm] = {
-    **IN_INPUTS,
-    'an order is missing': missing(an_order),
-    'an order is there twice': twice(an_order),
-    'an order is new': added(a_tick, Ordered((rules.Order(1, RaceState.GREEN_GREEN, 99),))),
-    'an input is missing': missing(an_input),
-    'a reason is other': changed(a_loss, lambda each: each._replace(reason='another one')),
-    'an event is missing': missing(an_event),
-    'an event is there twice': twice(an_event),
-    'two events change places': swapped(an_event),
-    'an event is new': an_event_is_new,
-    'the end is cut off': the_end_is_cut_off_amid_what_an_input_made,
-    'an event is later by the least of its clock': changed(
+NEW = Ordered((rules.Order(1, RaceState.GREEN_GREEN, 99),))
+OTHER_KARTS = (SETUP.karts[0]._replace(team='Another'), *SETUP.karts[1:])
+OF_INPUTS = 'an input is later', 'an input is before the one before it'
+HARMS: dict[str, tuple[Fits, Callable[[Any], list[Any]]]] = {
+    OF_INPUTS[0]: (a_cause, lambda each: [each._replace(at=each.at + 1e-6)]),
+    OF_INPUTS[1]: (an_input, lambda each: [each._replace(at=SETUP.now - 1.0)]),
+    'an input is missing': (an_input, lambda each: []),
+    'a reason is other': (
+        lambda entry, after: isinstance(entry, inputs.Disconnected) and an_input(entry, after),
+        lambda each: [each._replace(reason='another one')],
+    ),
+    'an order is missing': (an_order, lambda each: []),
+    'an order is there twice': (an_order, lambda each: [each, each]),
+    'an order is new': (an_event_of_the_server, lambda each: [each, NEW]),
+    'an event is missing': (an_event, lambda each: []),
+    'an event is there twice': (an_event, lambda each: [each, each]),
+    'an event is new': (
         an_event,
-        lambda each: each._replace(monotonic=math.nextafter(each.monotonic, math.inf)),
+        lambda each: [each, each._replace(event=each.event._replace(kind=EventKind.COMMAND))],
     ),
-    'an event of the server is missing': missing(an_event_of_the_server),
-    'an event of the server is before the one before it': changed(
-        an_event_of_the_server, lambda each: each._replace(monotonic=SETUP.now - 1.0)
+    'an event is called one of the server': (
+        an_event,
+        lambda each: [each._replace(event=each.event._replace(kind=EventKind.MALFORMED))],
     ),
-    'the roster is other': changed(
+    'an event is later by the least of its clock': (
+        an_event,
+        lambda each: [each._replace(monotonic=math.nextafter(each.monotonic, math.inf))],
+    ),
+    'an event of the server is missing': (an_event_of_the_server, lambda each: []),
+    'an event of the server is before the one before it': (
+        an_event_of_the_server,
+        lambda each: [each._replace(monotonic=SETUP.now - 1.0)],
+    ),
+    'the roster is other': (
         lambda entry, after: isinstance(entry, Rules),
-        lambda each: each._replace(setup=dataclasses.replace(SETUP, karts=ANOTHER_ROSTER)),
+        lambda each: [each._replace(setup=dataclasses.replace(SETUP, karts=OTHER_KARTS))],
     ),
-    'it begins twice': added(a_tick, Rules('', SETUP)),
-    **{f'another {name} of an event': in_event(name) for name in Event._fields},
-    **{f'another {name} of an order': in_order(name) for name in rules.Order._fields},
+    'it begins twice': (a_cause, lambda each: [Rules('', SETUP), each]),
+    **{
+        f'another {name} of an event': (
+            an_event,
+            lambda each, name=name: [each._replace(event=another(each.event, name))],
+        )
+        for name in Event._fields
+    },
+    **{
+        f'another {name} of an order': (
+            an_order,
+            lambda each, name=name: [Ordered((another(each.orders[0], name), *each.orders[1:]))],
+        )
+        for name in rules.Order._fields
+    },
 }
 
 
@@ -338,7 +278,10 @@ HARMS: dict[str, Harm] = {
 @pytest.mark.parametrize('harm', HARMS)
 def test_what_was_changed_is_found_and_named_with_its_time(harm: str, seed: int) -> None:
     entries = [*ended(seed)]
-    HARMS[harm](entries, random.Random(seed))
+    fits, change = HARMS[harm]
+    pairs = enumerate(itertools.pairwise([*entries, None]))
+    place = random.Random(seed).choice([place for place, pair in pairs if fits(*pair)])
+    entries[place : place + 1] = change(entries[place])
     replay = Replay(kept(entries))
     # From the difference on nothing is known but what the stream says, and it is all said.
     told = [event for step in replay.steps() for event in step.events]
@@ -347,7 +290,7 @@ def test_what_was_changed_is_found_and_named_with_its_time(harm: str, seed: int)
     assert difference is not None
     assert difference.recorded != difference.replayed
     given = [each for each in entries if isinstance(each, inputs.Input)][replay.inputs - 1]
-    if harm not in IN_INPUTS:
+    if harm not in OF_INPUTS:
         assert replay.seconds == given.at - SETUP.now
     assert 0 <= replay.seconds < SETUP.now + 9e6
 
