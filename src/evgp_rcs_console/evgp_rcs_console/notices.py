@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 import itertools
+import re
 from typing import NamedTuple
 
 from evgp_node.official import UNNAMED
@@ -242,6 +243,7 @@ class Line(NamedTuple):
     :param karts: the numbers of the karts that the line is about; empty if about no kart.
     :param what: what the line says about these karts. If the next event says the same about
         another kart, that kart is added to this line.
+    :param times: how often the line was said; a line that is said again replaces the one before.
     """
 
     clock: str
@@ -250,6 +252,7 @@ class Line(NamedTuple):
     is_command: bool = False
     karts: tuple[int, ...] = ()
     what: str = ''
+    times: int = 0
 
 
 _BY_LABEL = frozenset(
@@ -269,13 +272,18 @@ _OF_KARTS = {
 }
 """Events that one line can show for several karts, and what it says about them."""
 
+_REPEATED = EventKind.REFUSED_CONNECTION, EventKind.MALFORMED
+"""Events that a kart or another machine can repeat for ever."""
+
+_MORE = re.compile(r' \((\d+ more not reported|at least \d+ times)\)$')
+
 
 class EventLog:
     """
     The newest events, oldest first, as short texts.
 
     The consequences of a command get no lines of their own. If the same thing happens to several
-    karts in a row, they share one line.
+    karts in a row, they share one line. What one of them repeats has one line with a count.
     """
 
     def __init__(self, officials: OfficialNames) -> None:
@@ -296,8 +304,22 @@ class EventLog:
                 if line.karts:
                     karts = tuple(sorted({*before.karts, *line.karts}))
                     line = line._replace(text=self._of_karts(karts, line.what), karts=karts)
+            if event.kind in _REPEATED:
+                line = self._counted(line)
             # No later event joins a line about all karts.
             self._lines.append(line if line.karts else line._replace(what=''))
+
+    def _counted(self, line: Line) -> Line:
+        """Return a line with the number of times it was said in this run; remove its last one."""
+        text = _MORE.sub('', line.text)
+        of_run = itertools.takewhile(lambda each: each.text != NEW_RUN, reversed(self._lines))
+        repeated = (each for each in of_run if each.times and _MORE.sub('', each.text) == text)
+        before = next(repeated, None)
+        if before is None:
+            return line._replace(times=1)
+        self._lines.remove(before)
+        times = before.times + 1
+        return line._replace(text=f'{text} (at least {times} times)', times=times)
 
     def _line(self, at: str, event: Event) -> Line | None:
         """Return the line for an event; None if the event needs no line."""

@@ -218,6 +218,31 @@ def test_a_line_of_several_karts_is_of_each_of_them_and_only_what_is_the_same_jo
     assert log.lines()[5].text == NEW_RUN
 
 
+def test_what_is_repeated_for_ever_has_one_line_that_counts_it_and_hides_no_other_line() -> None:
+    log, why = EventLog(OfficialNames()), 'was refused: no kart in the roster has that address'
+    one, other = (
+        Event(EventKind.REFUSED_CONNECTION, f'A connection from {address} {why}', success=False)
+        for address in ('10.0.0.8', '10.0.0.9')
+    )
+    rubbish = Event(EventKind.MALFORMED, "From kart 5 (Purdue): no frame: b'x'", 5, success=False)
+    events = [one, Event(EventKind.CONNECTED, 'connected', 5), *[one, other, rubbish] * 40]
+    for sequence, event in enumerate(events, 1):
+        more = ' (3 more not reported)' * (sequence > 9 and not event.success)
+        wall_ns = sequence * 1_000_000_000
+        log.add(StampedEvent(sequence, wall_ns, 0.0, event._replace(text=event.text + more)))
+
+    assert [(line.clock, line.text) for line in log.lines()] == [
+        (time_of_day(2), 'Kart 5 connected'),
+        (time_of_day(120), f'✗ {one.text} (at least 41 times)'),
+        (time_of_day(121), f'✗ {other.text} (at least 40 times)'),
+        (time_of_day(122), f'✗ {rubbish.text} (at least 40 times)'),
+    ]
+    assert len(log.lines(5)) == 4
+    log.add(StampedEvent(1, 0, 0.0, one))
+    assert log.lines()[-1].text == f'✗ {one.text}'  # this run has it once
+    assert len(log.lines()) == 6
+
+
 def test_an_official_is_called_by_name_wherever_the_race_names_one_unless_two_have_it() -> None:
     officials = OfficialNames()
 
