@@ -172,7 +172,7 @@ QPushButton[barred="true"], QPushButton[barred="true"] QLabel, QPushButton:disab
 QPushButton[barred="true"] QLabel {{ font-weight: normal; }}
 {''.join(rules)}
 QPushButton[look="next"] {{ background: {colours.ink}; border-color: {colours.ink}; }}
-QPushButton[look="next"] QLabel {{ color: {colours.card}; }}
+QPushButton[look="next"], QPushButton[look="next"] QLabel {{ color: {colours.card}; }}
 QPushButton[look="go"] {{ background: {FILLS[Tone.GREEN][1]}; border: 0; }}
 QPushButton[look="go"] QLabel {{ color: {WHITE}; }}
 QPushButton:focus {{ border: {px(3)}px solid {colours.chosen}; }}

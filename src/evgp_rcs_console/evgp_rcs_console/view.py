@@ -440,24 +440,32 @@ class Screen:
     # ----- the buttons --------------------------------------------------------------------
 
     @functools.cached_property
-    def race(self) -> tuple[Button, ...]:
+    def next_step(self) -> CommandKind | None:
         """
-        Return the commands to the race, with at most one marked as the next step.
+        Return the command that usually comes next; None if there is none or it is not possible.
 
-        No command is marked while the MSR must be used, or while only the MSR can stop a kart.
+        There is none while the MSR must be used, or while only the MSR can stop a kart. Once the
+        heat in the race has a result, it is HEAT, as long as a heat is left.
         """
-        race, steps = self.snapshot, [self.race_button(command) for command in RACE_COMMANDS]
+        race, runs = self.snapshot, self.results.races if self.results else ()
         racing = [kart for kart in race.karts if kart.in_race]
         wanted = NEXT.get(race.state, ())
         if race.state is RaceState.GREEN_GREEN and all(kart.place for kart in racing):
             linked = [kart for kart in racing if kart.connected]
             stopped = all(kart.sent.is_red and kart.acknowledged for kart in linked)
             wanted = (CommandKind.RACE_OVER,) if stopped else ()
+        is_run = any(each.counts and each.heat == race.heat for each in runs)
+        if is_run and race.state is RaceState.IN_GARAGE:
+            wanted = (CommandKind.SET_HEAT,) if self.next_heat else ()
         if race.msr_alerts or (race.track.msr_used and texts.in_doubt(race)):
             wanted = ()
-        possible = [step.command for step in steps if step.enabled]
-        found = next((each for each in wanted if each in possible), None)
-        return tuple(replace(step, is_next=step.command is found) for step in steps)
+        return next((each for each in wanted if self.race_button(each).enabled), None)
+
+    @functools.cached_property
+    def race(self) -> tuple[Button, ...]:
+        """Return the commands to the race."""
+        steps = (self.race_button(command) for command in RACE_COMMANDS)
+        return tuple(replace(each, is_next=each.command is self.next_step) for each in steps)
 
     @property
     def msr_button(self) -> Button:
@@ -473,7 +481,7 @@ class Screen:
         """Return the button that opens the sheet of heats, which also reads the roster again."""
         button = self.race_button(CommandKind.SET_HEAT)
         if self.snapshot.heats:
-            return button
+            return replace(button, is_next=self.next_step is CommandKind.SET_HEAT)
         read = self.race_button(CommandKind.READ_ROSTER)
         return replace(button, enabled=read.enabled, reason=read.reason)
 
@@ -502,12 +510,12 @@ class Screen:
 
     @property
     def next_heat(self) -> str:
-        """Return the timekeeper's choice of the next heat, or the first that has not been run."""
+        """Return the timekeeper's choice of the next heat, or the first that has no result."""
         race, timing = self.snapshot, self.results
         if timing is None or timing.next_heat:
             return timing.next_heat if timing is not None else ''
-        left = (each.name for each in race.heats if not _runs_of(each.name, timing))
-        return next((name for name in left if name != race.heat), '')
+        done = {race.heat, *(each.heat for each in timing.races if each.counts)}
+        return next((each.name for each in race.heats if each.name not in done), '')
 
     @property
     def rosters(self) -> tuple[Button, ...]:

@@ -13,7 +13,7 @@ import time
 from typing import Any
 
 from evgp_node.official import UNNAMED
-from evgp_node.results import Act, KartResult, Standings, Status
+from evgp_node.results import Act, KartResult, RaceOfEvent, Standings, Status
 from evgp_protocol import clock
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
@@ -642,6 +642,16 @@ def test_a_heat_is_chosen_by_its_number_and_enter_and_no_other_key_puts_one_into
     assert len({each.height() for each in buttons}) == 1
     console.press('5', 'Return')
     assert [given.heat for given in console.sent] == ['Heat 5']
+    console.inbox.on_answer(console.sent.pop(), Answer(True, 'so it is'))
+    ran = tuple(RaceOfEvent(1, f'Heat {n}', 0.0, 1, True) for n in (1, 2))
+    done = race_of(2, RaceState.IN_GARAGE, heats=more, heat='Heat 2')
+    console.tell(done, timing(2)._replace(races=ran))
+    heat = console.find('set_heat').grab().toImage()
+    assert {heat.pixelColor(x, 9).name().upper() for x in (8, 12)} == {DAY.ink}  # it is filled
+    room = itertools.product(range(9, heat.width() - 9), range(5, heat.height() - 5))
+    assert max(heat.pixelColor(*each).lightness() for each in room) > 200  # its text stands out
+    console.press('Ctrl+H', 'Return')
+    assert [given.heat for given in console.sent] == ['Heat 3']
     console.sent.clear()
     console.tell(race_of(1, RaceState.IN_GARAGE, heats=()))
     console.press('Ctrl+H', 'read_roster')
