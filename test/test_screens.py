@@ -1,11 +1,17 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Every screen says the same of a race: window, terminal, board, and the messages themselves."""
+"""
+Every screen says the same of a race, and the console's questions say what the rules then do.
+
+The races go at random through the real rules. They are compared in the window, in the terminal, on
+the board, in the messages themselves and, once a run has ended, in the report and its table.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+import copy
 import itertools
 import pathlib
 import random
@@ -17,14 +23,17 @@ from evgp_node.results import Act, Corrected, Correction, Standings, Status
 from evgp_node.roster import Format, Heat
 from evgp_protocol.states import RaceState
 from evgp_rcs.ros.messages import events_message
+from evgp_rcs.ros.node import _asked_for
 from evgp_rcs.rules import race as rules
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs.rules.inputs import Recovered
-from evgp_rcs.rules.race import LastRun
+from evgp_rcs.rules.race import Command, Doubt, KartMemory, LastRun, NO_RACE_ANYWHERE, RaceMemory
 from evgp_rcs.rules.snapshot import Snapshot, snapshot_of
 from evgp_rcs.words import STATUS
 from evgp_rcs_console import results, texts
-from evgp_rcs_console.view import Screen, table
+from evgp_rcs_console.client import request_message
+from evgp_rcs_console.commands import Given, shows
+from evgp_rcs_console.view import Button, Screen, table
 from evgp_rcs_msgs import msg
 from evgp_timing.desk import Desk, Roster
 from evgp_timing.laps import LapSettings
@@ -39,6 +48,15 @@ HEATS = (
     Heat('Heat 2', (3, 4), Format.RACE, 3),
     Heat('Final', (1, 2, 3, 4), Format.TIME_TRIAL, grid_from='Heat 1'),
 )
+RACE_HEATS = tuple(rules.Heat(heat.name, heat.karts) for heat in HEATS)
+READ = rules.Roster(tuple(rules.Entrant(each, 'Another', True) for each in TEAMS), RACE_HEATS)
+"""What the file of the roster says."""
+
+ASKING = {kind for kind in CommandKind if CATALOGUE[kind].asks}
+LETS_HUMANS_NEAR = CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK
+CONFIRMS_ALSO = {CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK}
+"""What the question of IN GARAGE also offers: after the MSR was used, or otherwise."""
+
 LIKELY = {
     RaceState.IN_GARAGE: (
         CommandKind.KART_IN_GARAGE,
@@ -61,7 +79,7 @@ class Timed(PaperRace):
     """
 
     def __init__(self, desk: Desk, run: str) -> None:
-        super().__init__(TEAMS, [rules.Heat(heat.name, heat.karts) for heat in HEATS])
+        super().__init__(TEAMS, RACE_HEATS)
         self.race.run = run
         self.desk = desk
         self.said: dict[int, Standings] = {}
@@ -71,6 +89,15 @@ class Timed(PaperRace):
         self.hear()
         asked = Correction(act, 'Ben', kart, reason='it was seen')._replace(**terms)
         self.desk.feed(Corrected(self.now, asked))
+
+    def give(self, kind: CommandKind, number: int, heat: str) -> None:
+        """Give a command; the console sees in the race what came of it."""
+        kart = number if CATALOGUE[kind].to_one_kart else 0
+        answer = self.command(kind, kart, heat=heat, roster=READ).answer
+        assert answer is not None
+        if answer.success:
+            taken = {'heat': heat} if kind is CommandKind.SET_HEAT else {}
+            assert shows(self.shown, Given(kind, kart, taken=taken)), (kind, answer)
 
     def hear(self) -> Standings:
         """Have the timekeeper hear what is new, and return the results."""
@@ -90,6 +117,19 @@ class Timed(PaperRace):
         return snapshot_of(self.race, self.now)
 
 
+def left_behind(chance: random.Random) -> RaceMemory:
+    """Return what a race control that was killed may have left."""
+
+    def perhaps() -> bool:
+        return chance.random() < 0.5
+
+    karts = {
+        number: KartMemory(perhaps(), perhaps(), 0, chance.choice([*Doubt]), perhaps())
+        for number in TEAMS
+    }
+    return RaceMemory(chance.choice([*RaceState]), karts, perhaps(), perhaps())
+
+
 def moments(chance: random.Random, steps: int) -> Iterator[tuple[Timed, bool]]:
     """Yield a race at moments of it, and whether race control ends there; it starts again."""
     desk = Desk(Roster((*TEAMS,), {}, HEATS), LapSettings())
@@ -98,11 +138,14 @@ def moments(chance: random.Random, steps: int) -> Iterator[tuple[Timed, bool]]:
         number, heat = chance.choice([*TEAMS]), chance.choice(HEATS).name
         what = chance.random()
         if what < 0.01:
-            now, memory = timed.now + 5.0, timed.race.memory()
+            now = timed.now + 5.0
+            memory = chance.choice((timed.race.memory(), left_behind(chance), None))
             yield timed, True
             timed = Timed(desk, f'run {step}')
             timed.now = now
-            timed.feed(Recovered(now, memory, chance.choice([*LastRun])))
+            timed.feed(
+                Recovered(now, memory, chance.choice([*LastRun]) if memory else LastRun.NONE)
+            )
         elif what < 0.1:
             timed.connect(number)
         elif what < 0.11:
@@ -113,79 +156,132 @@ def moments(chance: random.Random, steps: int) -> Iterator[tuple[Timed, bool]]:
             timed.correct(Act.COUNT, number)
         elif what < 0.56:
             timed.correct(Act.PENALISE, number, seconds=5, disqualified=chance.random() < 0.5)
+        elif what < 0.57:
+            timed.say(number, chance.choice([*RaceState]))
         elif what < 0.65:
             timed.wait(chance.choice((0.3, 4.0)))
-        elif what < 0.67:
-            timed.command(chance.choice([*CATALOGUE]), number, heat=heat)
+        elif what < 0.72:
+            timed.give(chance.choice([*CATALOGUE]), number, heat)
         elif (kind := chance.choice(LIKELY[timed.race.state])) is not None:
-            timed.command(kind, number, heat=heat)
+            timed.give(kind, number, heat)
         else:
             timed.correct(Act.COUNT, number)
         yield timed, False
     yield timed, True
 
 
-def test_window_terminal_and_board_say_of_a_race_what_its_messages_say() -> None:
-    seen, before = set(), None
-    for timed, _ in itertools.chain(*(moments(random.Random(seed), 300) for seed in range(12))):
-        race, standings = timed.shown, timed.hear()
-        if (race, standings) == before:
-            continue  # the command was refused
-        before = race, standings
-        message, said = message_of(race, msg.Race), message_of(standings, msg.Results)
-        shown, found = value_of(message, Snapshot), value_of(said, Standings)
-        screen = Screen(shown, 0.0, {}, heard=found)
-        lines = table(screen)
-        page = board.board(board.Heard(shown, found))
-        sheet = board.results(board.Heard(shown, found))
-        seen |= {message.heat, race.state.value, *(each.status for each in found.karts)}
+def check_screens(race: Snapshot, standings: Standings) -> None:
+    """Check that window, terminal and board say of a race what its messages say."""
+    message, said = message_of(race, msg.Race), message_of(standings, msg.Results)
+    shown, found = value_of(message, Snapshot), value_of(said, Standings)
+    screen = Screen(shown, 0.0, {}, heard=found)
+    lines = table(screen)
+    page = board.board(board.Heard(shown, found))
+    sheet = board.results(board.Heard(shown, found))
 
-        assert f'Race: {page["head"]}  ({screen.since})' in lines
-        assert screen.state.text == page['head']
-        assert page['tone'] == screen.state.tone.value
-        assert message.heat == race.heat
-        if message.heat:
-            assert texts.heat_in_race(screen.snapshot).startswith(message.heat)
-            assert page['title'].startswith(message.heat)
-            (label,) = (each.label for each in screen.heats if 'in the race' in each.label)
-            assert label.startswith(message.heat)
-        rows = {row['kart']: row for row in page['rows']}
-        for kart, row in zip(message.karts, screen.rows, strict=True):
-            if kart.number in rows and kart.connected:
-                assert rows[kart.number]['symbol'] == row.sent.text[0]
-            if kart.number in rows:
-                place = re.match(r'[PF](\d+)', row.place)
-                assert rows[kart.number]['place'] == (int(place[1]) if place else '')
-        _, *written = results.table(found, TEAMS)
-        written = list(itertools.islice(written, len(found.karts)))
-        assert [(row['place'], row['kart'], *row['cells']) for row in sheet['rows']] == [
-            (int(place.rstrip('.') or 0) or '', int(kart), int(laps), total, best)
-            for place, kart, _, laps, total, _, best, _ in written
-        ]
-        assert [(each.kart, each.place, each.laps) for each in said.karts] == [
-            (int(kart), int(place.rstrip('.') or 0), int(laps))
-            for place, kart, _, laps, *_ in written
-        ]
-    assert seen >= {*(heat.name for heat in HEATS), *(state.value for state in RaceState), *Status}
+    assert f'Race: {page["head"]}  ({screen.since})' in lines
+    assert screen.state.text == page['head']
+    assert page['tone'] == screen.state.tone.value
+    assert message.heat == race.heat
+    if message.heat:
+        assert texts.heat_in_race(screen.snapshot).startswith(message.heat)
+        assert page['title'].startswith(message.heat)
+        (label,) = (each.label for each in screen.heats if 'in the race' in each.label)
+        assert label.startswith(message.heat)
+    rows = {row['kart']: row for row in page['rows']}
+    # Until the next race is green, the window still shows the last results; the board does not.
+    of_last = (found.heat, found.race) != (race.heat, race.number or found.race)
+    for kart, row in zip(message.karts, screen.rows, strict=True):
+        if kart.number in rows and kart.connected:
+            assert rows[kart.number]['symbol'] == row.sent.text[0]
+        if kart.number in rows and not of_last:
+            place = re.match(r'[PF](\d+)', row.place)
+            assert rows[kart.number]['place'] == (int(place[1]) if place else '')
+    _, *written = results.table(found, TEAMS)
+    written = list(itertools.islice(written, len(found.karts)))
+    assert [(row['place'], row['kart'], *row['cells']) for row in sheet['rows']] == [
+        (int(place.rstrip('.') or 0) or '', int(kart), int(laps), total, best)
+        for place, kart, _, laps, total, _, best, _ in written
+    ]
+    assert [(each.kart, each.place, each.laps) for each in said.karts] == [
+        (int(kart), int(place.rstrip('.') or 0), int(laps)) for place, kart, _, laps, *_ in written
+    ]
 
 
-@pytest.mark.parametrize('seed', range(12))
-def test_report_and_table_say_of_a_race_what_the_screens_said_of_it_last(
-    seed: int, tmp_path: pathlib.Path
-) -> None:
-    record = tmp_path / 'record.sqlite3'
-    last: list[Timed] = []
-    for timed, ends in moments(random.Random(seed), 300):
-        timed.hear()
-        if ends:
-            keep_results(timed.write(record), *timed.said.values())
-            last.append(timed)
+def received(given: Given) -> Command:
+    """Return a console's command as race control receives it."""
+    kinds = kinds_by_service()[CATALOGUE[given.command].service]
+    return _asked_for(kinds, request_message(given))._replace(roster=READ)
 
+
+def check_effects(button: Button, timed: Timed, shown: Snapshot) -> None:
+    """Give a command to a copy of the race, and compare what it does with what was said."""
+    race, said = copy.deepcopy(timed.race), button.question.effects
+    before = {kart.number: (kart.sent, kart.hold) for kart in race.karts.values()}
+
+    outcome = race.command(received(button.gives), timed.now)
+    assert outcome.answer is not None
+    assert outcome.answer.success, outcome.answer.message
+    after = {kart.number: (kart.sent, kart.hold) for kart in race.karts.values()}
+    parts = said.now, said.later, said.held, said.rest
+    at_once, later, held, rest = ({kart.number for kart in part} for part in parts)
+    assert sorted([*at_once, *later, *held, *rest]) == sorted(TEAMS), 'each is named once'
+    changed = {number for number in TEAMS if before[number] != after[number]}
+    sent = {order.kart for order in outcome.orders}
+    if button.command is CommandKind.RECORD_MSR:
+        assert changed <= at_once | later  # who was stopped already is sent the same again
+        assert sent <= at_once
+    else:
+        assert changed == at_once | later
+        assert sent == at_once
+    for number in at_once | later:
+        assert after[number][0].value == CATALOGUE[button.command].sends.value
+    assert all(race.karts[number].connected for number in at_once)
+    assert not any(race.karts[number].connected for number in later)
+    assert all(after[number][1] is not None for number in held)
+    assert all(after[number][1] is None for number in rest - changed)
+    consequences = '\n'.join(button.question.consequences)
+    for number in TEAMS:
+        assert f'{number}' in consequences or button.kart or not at_once | later
+    for also in button.also:
+        answer = race.command(received(also), timed.now).answer
+        assert answer is not None
+        assert answer.success, answer.message
+    if button.command is CommandKind.IN_GARAGE and shown.track.msr_used:
+        assert not any(kart.hold for kart in race.karts.values()), 'each was made safe by hand'
+
+
+def check_warning(button: Button, shown: Snapshot) -> bool:
+    """
+    Check that a question that lets humans near says what the screen says against it.
+
+    :return: whether the screen says something against it.
+    """
+    under_way = shown.state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN)
+    track, asked = shown.track, button.question
+    if button.command not in LETS_HUMANS_NEAR or under_way:  # which is nothing wrong
+        return False
+    if not track.allowed and track.settled_by is not None:
+        # In the question of the command that settles that, it is stated, and is no warning.
+        settles = button.command is track.settled_by
+        assert (NO_RACE_ANYWHERE in asked.condition) is settles
+        assert (track.reason in asked.warning) is not settles
+        return False
+    if not track.allowed:
+        assert track.reason in asked.warning
+        assert track.reason not in asked.condition
+    elif not track.msr_used:
+        assert bool(asked.warning) is not any(kart.connected for kart in shown.karts)
+    return not track.allowed
+
+
+def check_records(record: pathlib.Path, last: list[Timed]) -> None:
+    """Check that report and table say of each run what the screens said of it last."""
     written = rows_of(record, '--all')
     for run_number, timed in enumerate(last, 1):
         rows = [row for row in written if row['run'] == str(run_number)]
         newest = max((int(row['race']) for row in rows), default=0)
-        if newest:
+        if newest and timed.shown.number in (0, newest):
             assert {kart.number: kart.place for kart in timed.shown.karts if kart.place} == {
                 int(row['kart']): int(row['finish'])
                 for row in rows
@@ -215,3 +311,32 @@ def test_report_and_table_say_of_a_race_what_the_screens_said_of_it_last(
         for row in rows:
             heat = f' ({row["heat"]})' if row['heat'] else ''
             assert f'Race {row["race"]}{heat}: ' in text
+
+
+@pytest.mark.early
+def test_screens_questions_and_records_say_of_a_race_what_it_is(tmp_path: pathlib.Path) -> None:
+    seen: set[object] = set()
+    asked, offered, against = set[CommandKind](), set[CommandKind](), 0
+    for seed in range(12):
+        record, last, before = tmp_path / f'record{seed}' / 'record.sqlite3', list[Timed](), None
+        record.parent.mkdir()
+        for timed, ends in moments(random.Random(seed), 300):
+            race, standings = timed.shown, timed.hear()
+            if (race, standings) != before:  # else the command was refused
+                before = race, standings
+                seen |= {race.heat, race.state, *(each.status for each in standings.karts)}
+                check_screens(race, standings)
+                for button in Screen(race, 0.0, {}).buttons:
+                    if button.command in ASKING and button.enabled:
+                        asked.add(button.command)
+                        offered |= {each.command for each in button.also}
+                        against += check_warning(button, race)
+                        check_effects(button, timed, race)
+            if ends:
+                keep_results(timed.write(record), *timed.said.values())
+                last.append(timed)
+        check_records(record, last)
+    print(asked, offered, against)
+    assert seen >= {*(heat.name for heat in HEATS), *RaceState, *Status}
+    assert (asked, offered) == (ASKING, CONFIRMS_ALSO)
+    assert against
