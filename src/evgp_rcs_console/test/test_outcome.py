@@ -4,7 +4,7 @@
 """
 Whether a snapshot shows what an accepted command brought about.
 
-That it does, of every command that the rules accept, is in test_questions.py.
+That it does, of every command that the rules accept, is in test_screens.py.
 """
 
 from __future__ import annotations
