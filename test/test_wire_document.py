@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The client in docs/wire.md: in a race, as it stands, where race control is at 10.0.0.1.
+The client in docs/wire.md, with no change but its two addresses.
 
 test_inspection.py inspects it; here is what an inspection does not try.
 """
@@ -11,31 +11,34 @@ from __future__ import annotations
 
 import contextlib
 import signal
-import socket
 import sys
-import threading
 import time
 
 from evgp_protocol.states import RaceState
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.process import Program
 from evgp_testing.race_control import address_of
-from evgp_testing.wire_kart import kart_socket
 import pytest
 from rig.bare_race_control import BareRaceControl, BEAT
-from rig.networks import Namespace, need_networks
 from test_team_workspace import blocks
 
 GRID_ACTIVE, GREEN_GREEN = RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN
 RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
-RACE_CONTROL = ('10.0.0.1', 12017)
+ADDRESSES = "RACE_CONTROL = ('10.0.0.1', 12017)\nOWN_ADDRESS = None"
 (CLIENT,) = blocks('docs/wire.md', 'python')
 
 
 def client_at(port: int) -> str:
-    """Return the client for a race control at a port of this machine."""
-    assert str(RACE_CONTROL) in CLIENT
-    return CLIENT.replace(str(RACE_CONTROL), f"('127.0.0.1', {port})")
+    """Return the client of kart 1 for a race control at a port of this machine."""
+    assert ADDRESSES in CLIENT
+    here = f"RACE_CONTROL = ('127.0.0.1', {port})\nOWN_ADDRESS = ('{address_of(1)}', 0)"
+    return CLIENT.replace(ADDRESSES, here)
+
+
+def start_client(port: int, parts: contextlib.ExitStack) -> Program:
+    client = Program('client', [sys.executable, '-c', client_at(port)])
+    parts.callback(client.kill)
+    return client
 
 
 class Heard:
@@ -44,8 +47,7 @@ class Heard:
     def __init__(self, parts: contextlib.ExitStack) -> None:
         self.states: list[RaceState] = []
         self.race = parts.enter_context(BareRaceControl(self.states.append))
-        self.client = Program('client', [sys.executable, '-c', client_at(self.race.port)])
-        parts.callback(self.client.kill)
+        self.client = start_client(self.race.port, parts)
         self.race.wait_for_connections(1)
 
 
@@ -59,37 +61,12 @@ def test_the_client_of_the_document_drives_a_race_of_the_real_race_control(
     start_race_control: StartRaceControl,
     join_official: JoinOfficial,
 ) -> None:
-    need_networks()
     control = start_race_control(in_race=[1])
     official = join_official(control)
-    network = parts.enter_context(Namespace())
-    network.ip(f'addr add {RACE_CONTROL[0]}/32 dev lo')
-
-    def carry(source: socket.socket, sink: socket.socket) -> None:
-        with contextlib.suppress(OSError):
-            while data := source.recv(4096):
-                sink.sendall(data)
-
-    with network.inside():
-        listening = parts.enter_context(socket.create_server(RACE_CONTROL))
-        client = Program('client', [sys.executable, '-c', CLIENT])
-    parts.callback(client.kill)
-    kart, _ = listening.accept()
-    with (
-        kart,
-        kart_socket(address_of(1), ('127.0.0.1', control.port)) as link,
-    ):
-        ways = ((kart, link), (link, kart))
-        carrying = [threading.Thread(target=carry, args=way, daemon=True) for way in ways]
-        for each in carrying:
-            each.start()
-        official.wait_for_connected(1)
-        for state in (GREEN_GREEN, RED_FLAG, RED_RED):
-            official.bring_to(state)
-        for each in (kart, link):
-            each.shutdown(socket.SHUT_RDWR)
-        for thread in carrying:
-            thread.join()
+    start_client(control.port, parts)
+    official.wait_for_connected(1)
+    for state in (GREEN_GREEN, RED_FLAG, RED_RED):
+        official.bring_to(state)
 
 
 def test_old_frames_give_the_client_no_more_time(heard: Heard) -> None:
