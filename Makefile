@@ -24,7 +24,7 @@ TIMING := src/evgp_timing/config/timekeeper.yaml
 # This machine's own address on the officials' network; empty: officials use this machine only, and
 # our programs stay on it, whatever ROS is configured to do (docs/security.md).
 OFFICIALS := $(EVGP_GRAPH_INTERFACE)
-run board button console ctl takeover timekeeper timing: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
+board button timing: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
 
 # This machine's own address on the karts' network; empty: the one in PARAMS. With OFFICIALS, race
 # control needs it, so that karts never reach the officials' network.
@@ -44,8 +44,8 @@ quoted = '$(subst ','\'',$(1))'
 parameter = -p $(call quoted,$(1):='$(subst ','',$(2))')
 
 # A test must not command a real kart: neither our programs, nor nodes with ROS's own settings.
-bench demo fuzz rehearsal screenshots sim soak test test-alone test-long: export EVGP_GRAPH_INTERFACE :=
-bench demo fuzz rehearsal screenshots sim soak test test-alone test-long: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+bench demo fuzz screenshots sim soak test test-alone test-long: export EVGP_GRAPH_INTERFACE :=
+bench demo fuzz screenshots sim soak test test-alone test-long: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 # The kart's bridge: race control's address, and the topic of the kart's odometry, which the bridge
 # then requires. ARGS holds what follows --ros-args, such as '-p auto_acknowledge_stop:=true'.
@@ -113,10 +113,6 @@ demo:
 sim:
 	$(IN_WORKSPACE) python kit/sim/race.py $(ARGS)
 
-# On loopback only, with its own ROS domain, so it cannot reach a real kart.
-rehearsal:
-	$(IN_WORKSPACE) --console install/evgp_rehearsal/lib/evgp_rehearsal/rehearse $(ARGS)
-
 PYTEST = $(IN_WORKSPACE) --console python -m pytest
 
 test:
@@ -139,45 +135,12 @@ bench:
 fuzz:
 	$(IN_WORKSPACE) python fuzz/run.py $(ARGS)
 
-# If either program dies, it is restarted; a wrong setting or Ctrl-C ends it (evgp_node.restarting).
-# The timekeeper ends with race control, which does not need it.
-run:
-	$(IN_WORKSPACE) sh -c 'setpriv --pdeathsig TERM python -m evgp_node.restarting "$$1" --ros-args \
-	  --params-file "$$2" "$$3" "$$4" & shift 4; exec python -m evgp_node.restarting "$$@"' run \
-	  install/evgp_timing/lib/evgp_timing/timekeeper $(call quoted,$(TIMING)) \
-	  $(call parameter,roster,$(ROSTER)) \
-	  install/evgp_rcs/lib/evgp_rcs/rcs_node --ros-args \
-	  --params-file $(call quoted,$(PARAMS)) $(call parameter,roster,$(ROSTER)) \
-	  $(if $(ADDRESS),$(call parameter,address,$(ADDRESS)))
-
-# Paths refer to the other machine; relative ones start in the folder in FROM.
-spare:
-	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_spare $(call quoted,$(FROM)) \
-	  --roster $(call quoted,$(ROSTER)) --params $(call quoted,$(PARAMS)) \
-	  $(if $(RECORD),--record $(call quoted,$(RECORD))) $(ARGS)
-
-takeover:
-	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_takeover $(call quoted,$(ADDRESS)) \
-	  $(call quoted,$(INTERFACE)) $(ARGS)
-
-roster:
-	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_roster check $(call quoted,$(ROSTER))
-
-record:
-	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_record $(ARGS)
-
-console:
-	$(IN_WORKSPACE) --console install/evgp_rcs_console/lib/evgp_rcs_console/rcs_gui $(ARGS) \
-	  $(if $(OFFICIAL),--ros-args $(call parameter,official,$(OFFICIAL)) --)
-
-timekeeper:
-	$(IN_WORKSPACE) --console install/evgp_timing/lib/evgp_timing/timekeeper_window $(ARGS) \
-	  $(if $(OFFICIAL),--ros-args $(call parameter,official,$(OFFICIAL)) --)
-
-# How ctl was called, for the command lines that it prints.
-ctl: export EVGP_CTL := $(if $(ROS_DOMAIN_ID),ROS_DOMAIN_ID=$(ROS_DOMAIN_ID) )make ctl $(if $(OFFICIALS),OFFICIALS=$(OFFICIALS) )ARGS="%s"
-ctl:
-	$(IN_WORKSPACE) install/evgp_rcs_console/lib/evgp_rcs_console/rcs_ctl $(if $(OFFICIAL),--official $(call quoted,$(OFFICIAL))) $(or $(ARGS),$(ARG),--help)
+# setup/official says what each takes, and what it runs.
+SETTINGS := ADDRESS FROM INTERFACE OFFICIAL OFFICIALS PARAMS RECORD ROSTER TIMING
+console ctl record rehearsal roster run spare takeover timekeeper:
+	$(IN_WORKSPACE) $(if $(filter console rehearsal timekeeper,$@),--console) setup/official \
+	  $(@:console=window) $(foreach each,$(SETTINGS),$(call quoted,$(each)=$($(each)))) \
+	  $(or $(ARGS),$(ARG))
 
 # It restarts after a crash, but not if a setting is wrong.
 RCS_BUTTON := install/evgp_rcs_console/lib/evgp_rcs_console/rcs_button

@@ -5,8 +5,7 @@
 Build the Debian package for officials (docs/install-officials.md). Run it with `make deb`.
 
 The package contains what the set-up has made, without what only developers need, in a folder of
-the same shape, so setup/in-workspace and the systemd units work there too. Each command is the
-recipe of a make target, recorded by running make with RECORDER instead of setup/in-workspace.
+the same shape, so setup/in-workspace, setup/official and the systemd units work there too.
 
     setup/in-workspace --console python setup/deb.py [VERSION [COMPRESSION OF DPKG-DEB]]
 """
@@ -15,11 +14,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import importlib.metadata
-import json
 import os
 import pathlib
 import re
-import shlex
 import shutil
 import subprocess
 import sys
@@ -34,35 +31,11 @@ MADE = prepare.BUILD / 'deb'
 ROOT = MADE / 'root'
 INSIDE = ROOT / HOME[1:]
 
-COMMANDS = {
-    'run': ('run', 'ADDRESS', ('ROSTER', 'PARAMS', 'TIMING', 'ADDRESS', 'OFFICIALS')),
-    'window': ('console', 'OFFICIAL', ('OFFICIAL', 'OFFICIALS')),
-    'ctl': ('ctl', 'OFFICIAL', ('OFFICIAL', 'OFFICIALS')),
-    'record': ('record', '', ()),
-    'rehearsal': ('rehearsal', '', ()),
-    'roster': ('roster', '', ('ROSTER',)),
-    'spare': ('spare', 'RECORD', ('FROM', 'ROSTER', 'PARAMS', 'RECORD')),
-    'takeover': ('takeover', '', ('ADDRESS', 'INTERFACE', 'OFFICIALS')),
-    'timekeeper': ('timekeeper', 'OFFICIAL', ('OFFICIAL', 'OFFICIALS')),
-}
-"""The make target behind each `evgp-...` command, its variable that may be left empty, and all the
-settings that it accepts as NAME=value before its arguments, as make does."""
-
-OPTIONLESS = ('roster', 'run', 'timekeeper', 'window')
-"""Commands that accept only NAME=value."""
-
-VARIABLES = {
-    'ADDRESS': "race control's address on the karts' network (evgp-run: required with OFFICIALS)",
-    'FROM': 'the machine to copy and its folder: anna@10.1.0.5:evgp',
-    'INTERFACE': "the network interface of the karts' network, such as eth0",
-    'OFFICIAL': 'your name, for the record; without it, the program asks',
-    'OFFICIALS': "this machine's address on the officials' network; without it, this machine only",
-    'PARAMS': 'the parameter file; without it, the one in the package',
-    'RECORD': 'the record on the other machine, if it is not in its home folder',
-    'ROSTER': 'the roster file; without it, karts.yaml in this folder',
-    'TIMING': "the timekeeper's parameter file; without it, the one in the package",
-}
-"""What the settings mean."""
+COMMANDS = (
+    *('ctl', 'record', 'rehearsal', 'roster', 'run', 'spare'),
+    *('takeover', 'timekeeper', 'window'),
+)
+"""The commands of setup/official, which the package has as `evgp-...`."""
 
 MENU = {
     'run': ('Race control', 'Run a race, with karts.yaml from the home folder', True),
@@ -114,12 +87,6 @@ if [ "$1" = remove ] && command -v systemctl > /dev/null; then
     systemctl disable --quiet {' '.join(UNITS)}
 fi
 """
-
-RECORDER = (
-    f"IN_WORKSPACE={sys.executable} -c 'import json, os, sys;"
-    "print(json.dumps([sys.argv[1:], dict(os.environ)]))'"
-)
-"""For make: prints a command, and its environment, in place of running it."""
 
 LICENCES = f"""\
 Below: the licence of race control. The licences of included software are in {HOME}/.venv, in
@@ -195,7 +162,8 @@ def copy_workspace() -> None:
     command += ['--packages-up-to', 'evgp_rehearsal', '--packages-skip', messages]
     prepare.run_quietly('Building the packages', command, environment)
     (INSIDE / 'setup').mkdir()
-    shutil.copy2(prepare.ROOT / 'setup/in-workspace', INSIDE / 'setup')
+    for name in ('in-workspace', 'official'):
+        shutil.copy2(prepare.ROOT / 'setup' / name, INSIDE / 'setup')
     for path in [each for each in install.rglob('*') if each.is_file()]:
         content = path.read_bytes()
         if LEFT_OUT.search(str(path.relative_to(install))):
@@ -206,72 +174,10 @@ def copy_workspace() -> None:
             path.write_bytes(content)
 
 
-def recorded(target: str, **given: str) -> tuple[list[str], dict[str, str]]:
-    """Return the command that a recipe passes to setup/in-workspace, and its exports for ROS."""
-    words = ['env', '-i', f'PATH={os.environ["PATH"]}', 'make', '-s', target, RECORDER]
-    words += [f'{name}={value}' for name, value in given.items()]
-    command, exports = json.loads(output(*words))
-    ours = [each for each in exports if each.startswith(('EVGP_GRAPH', 'ROS_'))]
-    return command, {name: exports[name] for name in ours}
-
-
-def in_shell(word: str) -> str:
-    """Return a word of a recorded recipe for a script, with variables instead of marks."""
-    if word == '@ARGS@':
-        return '"$@"'
-    parts = re.split('@([A-Z]+)@', re.sub(r'^install/', f'{HOME}/install/', word))
-    value = '"${{{}//$q/$q$q}}"' if ":='" in word else '"${}"'  # in the quotes of YAML, or not
-    quoted = [
-        value.format(each) if at % 2 else shlex.quote(each)
-        for at, each in enumerate(parts)
-        if each
-    ]
-    return ''.join(quoted) or "''"
-
-
-def script(command: str, about: str) -> str:
-    """Return the script `evgp-...`: the recipe of its target, for any values of its variables."""
-    target, optional, takes = COMMANDS[command]
-    marks = {name: f'@{name}@' for name in VARIABLES}
-    marks['ARGS'] = '' if command in OPTIONLESS else '@ARGS@'
-    runs = {}
-    for empty in {'', optional}:
-        words, exports = recorded(target, **marks | ({empty: ''} if empty else {}))
-        runs[empty] = f'exec {HOME}/setup/in-workspace {" ".join(map(in_shell, words))}'
-    lines = [
-        '#!/bin/bash',
-        f'# Made by `make deb` from the recipe of `make {target}`.',
-        f'PARAMS={HOME}/install/evgp_rcs/share/evgp_rcs/config/rcs.yaml ROSTER=karts.yaml',
-        f'TIMING={HOME}/install/evgp_timing/share/evgp_timing/config/timekeeper.yaml',
-        'OFFICIALS=${EVGP_GRAPH_INTERFACE-} ADDRESS= FROM= INTERFACE= OFFICIAL= RECORD=',
-        f'export EVGP_CALLED=evgp-{command}',
-    ]
-    if takes:
-        of_them = f'[[ ${{1-}} =~ ^({"|".join(takes)})= ]]'
-        lines.append(f'while {of_them}; do declare "$1"; shift; done')
-    if takes and command != 'ctl':  # which lists its own options
-        lines.append(f'[[ ${{1-}} != --help ]] || {{ echo {shlex.quote(about)}; exit; }}')
-    if command in OPTIONLESS:
-        wrong = f'echo "evgp-{command} does not accept $1. See evgp-{command} --help" >&2'
-        lines.append(f'(($# == 0)) || {{ {wrong}; exit 2; }}')
-    lines += [
-        'q="\'"',
-        'export EVGP_CTL="evgp-ctl ${OFFICIALS:+OFFICIALS=$OFFICIALS }%s"',
-        "export EVGP_TAKEOVER='evgp-takeover %s %s'",
-        *(f'export {name}={in_shell(value)}' for name, value in exports.items()),
-        *([f'[ -n "${optional}" ] || {runs[optional]}'] if optional else []),
-        runs[''],
-    ]
-    return '\n'.join(lines) + '\n'
-
-
-def about_it(command: str, what: str) -> str:
-    """Return the description and settings of a command."""
-    takes = COMMANDS[command][2]
-    usage = [f'evgp-{command}', *(f'[{each}=...]' for each in takes)]
-    usage += [] if command in OPTIONLESS else ['...']
-    settings = [f'  {each:10} {VARIABLES[each]}' for each in takes]
-    return '\n'.join([f'evgp-{command}: {what}', f'usage: {" ".join(usage)}', *settings])
+def script(command: str) -> str:
+    """Return the script `evgp-...`."""
+    runs = f'{HOME}/setup/in-workspace {HOME}/setup/official {command} "$@"'
+    return f'#!/bin/sh\nEVGP_CALLED=evgp-{command} exec {runs}\n'
 
 
 def write(path: str, content: str, mode: int = 0o644) -> None:
@@ -283,11 +189,9 @@ def write(path: str, content: str, mode: int = 0o644) -> None:
 
 def write_surface() -> None:
     """Write what officials use: commands with help and completion, the menu, units."""
-    helped = re.findall(r'^make (\w+) +(.*?) +\((.*)\)$', output('make', '-s', 'help'), re.M)
-    says = {target: what for target, what, _ in helped}
-    for command, (target, _, _) in COMMANDS.items():
-        name, about = f'evgp-{command}', about_it(command, says[target])
-        write(f'usr/bin/{name}', script(command, about), 0o755)
+    for command in COMMANDS:
+        name = f'evgp-{command}'
+        write(f'usr/bin/{name}', script(command), 0o755)
         if command in ('ctl', 'record'):
             completion = output('register-python-argcomplete', name)
             write(f'usr/share/bash-completion/completions/{name}', completion)

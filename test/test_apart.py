@@ -10,7 +10,6 @@ import os
 import pathlib
 import re
 import runpy
-import subprocess
 import sys
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -20,34 +19,6 @@ import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 INTERFACE = 'EVGP_GRAPH_INTERFACE'
-
-
-@pytest.mark.parametrize('target', ['run', 'console', 'ctl', 'timekeeper'])
-@pytest.mark.parametrize(
-    ('environment', 'arguments', 'is_used'),
-    [
-        ('', [], ''),
-        ('', ['OFFICIALS=10.1.0.5'], '10.1.0.5'),
-        ('10.1.0.5', [], '10.1.0.5'),
-        ('10.1.0.5', ['OFFICIALS=10.1.0.6'], '10.1.0.6'),
-    ],
-)
-def test_what_make_starts_stays_on_the_machine_unless_officials_are_named(
-    target: str, environment: str, arguments: list[str], is_used: str
-) -> None:
-    printed = subprocess.run(
-        ['make', '-s', target, f'IN_WORKSPACE=printenv {INTERFACE}; true', *arguments],
-        cwd=ROOT,
-        env={
-            **{name: value for name, value in os.environ.items() if name != 'MAKEFLAGS'},
-            INTERFACE: environment,
-        },
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-
-    assert printed.strip() == is_used
 
 
 class StandIn:

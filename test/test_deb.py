@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import pathlib
 import re
-import shlex
 import shutil
 import subprocess
 import sys
@@ -25,51 +24,6 @@ STATED = re.compile(
     r'|lib/systemd/system/evgp-\w+\.service'
 )
 """What docs/install-officials.md says that the package has."""
-
-
-@pytest.mark.parametrize(
-    ('line', 'target', 'words'),
-    [
-        ('run ADDRESS=10.0.0.1', 'run', ['ADDRESS=10.0.0.1']),
-        ('run OFFICIALS=10.1.0.5', 'run', ['OFFICIALS=10.1.0.5']),
-        ('roster', 'roster', []),
-        ('window', 'console', []),
-        ('timekeeper', 'timekeeper', []),
-        ('timekeeper OFFICIAL=Tina', 'timekeeper', ['OFFICIAL=Tina']),
-        ("window OFFICIAL=Anna\\ O\\'Neill", 'console', ["OFFICIAL=Anna O'Neill"]),
-        ('ctl OFFICIAL=Anna red-flag', 'ctl', ['OFFICIAL=Anna', 'ARGS=red-flag']),
-        ('record report -o "a b.html"', 'record', ['ARGS=report -o "a b.html"']),
-        ('rehearsal --karts 6', 'rehearsal', ['ARGS=--karts 6']),
-        ('spare FROM=a@10.1.0.5:evgp', 'spare', ['FROM=a@10.1.0.5:evgp']),
-        (
-            'takeover ADDRESS=10.0.0.1 INTERFACE=eth0 --port 1',
-            'takeover',
-            ['ADDRESS=10.0.0.1', 'INTERFACE=eth0', 'ARGS=--port 1'],
-        ),
-    ],
-)
-def test_a_command_of_the_package_runs_what_make_runs(
-    line: str, target: str, words: list[str], tmp_path: pathlib.Path
-) -> None:
-    shown = tmp_path / 'in-workspace'
-    shown.write_text('#!/bin/sh\nprintf "%s\\n" "$@"\nenv | grep -E "^(EVGP_GRAPH|ROS_AUTO)"\n:')
-    shown.chmod(0o755)
-    command, _, rest = line.partition(' ')
-    files = {'ROSTER': r"/x y\new/it's #2.yaml", 'PARAMS': '/x/r.yaml', 'TIMING': '/x/t.yaml'}
-    paths = [f'{each}={files[each]}' for each in deb.COMMANDS[command][2] if each in files]
-    text = deb.script(command, '').replace(f'{deb.HOME}/setup/in-workspace', str(shown))
-    text = f'set -- {shlex.join(paths)} {rest}\n{text.replace(f"{deb.HOME}/", "")}'
-    make = ['make', '-s', target, f'IN_WORKSPACE={shown}', *paths, *words]
-    wanted = subprocess.run(make, cwd=ROOT, capture_output=True, text=True, check=True)
-    found = subprocess.run(['bash', '-c', text], cwd=ROOT, capture_output=True, text=True)
-    assert found.stdout == wanted.stdout
-
-
-def test_a_command_of_the_package_does_not_ignore_a_setting_of_another() -> None:
-    words = ['bash', '-c', deb.script('window', ''), 'evgp-window', 'ADDRESS=10.1.0.6']
-    done = subprocess.run(words, capture_output=True, text=True)
-    assert done.returncode == 2
-    assert 'evgp-window does not accept ADDRESS=10.1.0.6.' in done.stderr
 
 
 @pytest.mark.skipif(shutil.which('dpkg') is None, reason='no dpkg')

@@ -19,7 +19,8 @@ import pytest
 from test_documents import DOCUMENTS, ROOT, text_of
 import yaml
 
-VARIABLES = {'PYTHON', *re.findall(r'\$\((\w+)\)', (ROOT / 'Makefile').read_text())}
+MAKEFILE = (ROOT / 'Makefile').read_text()
+VARIABLES = {'ARGS', 'PYTHON', *re.findall(r'^(\w+) [:?]=', MAKEFILE, re.MULTILINE)}
 SERVICES = {
     '/kart_bridge/acknowledge': 'Acknowledge',
     **{f'/rcs/{each.service}': each.service_type for each in CATALOGUE.values()},

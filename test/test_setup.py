@@ -14,7 +14,6 @@ import sys
 
 import prepare
 import pytest
-import yaml
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
@@ -249,38 +248,6 @@ def test_the_locks_agree(lock: str) -> None:
     assert pins(lock).items() <= pins('ros.txt').items()
 
 
-@pytest.mark.parametrize(
-    ('arguments', 'runs'),
-    [
-        (('roster', "ROSTER=/x y/it's.yaml"), "rcs_roster check /x y/it's.yaml"),
-        (('record', 'ARGS=--run 3 --kart 7'), 'rcs_record --run 3 --kart 7'),
-        (('record',), 'rcs_record'),
-        (
-            ('spare', 'FROM=anna@10.1.0.5:evgp', 'ROSTER=karts.yaml', 'PARAMS=rcs.yaml'),
-            'rcs_spare anna@10.1.0.5:evgp --roster karts.yaml --params rcs.yaml',
-        ),
-        (
-            ('takeover', 'ADDRESS=10.0.0.1', 'INTERFACE=eth0', 'OFFICIALS=10.1.0.6'),
-            'rcs_takeover 10.0.0.1 eth0',
-        ),
-    ],
-)
-def test_make_has_a_target_for_what_an_official_reads(
-    arguments: tuple[str, ...], runs: str
-) -> None:
-    said = printed('make', '-s', *arguments, 'IN_WORKSPACE=echo', **os.environ)
-    assert said.strip() == f'install/evgp_rcs/lib/evgp_rcs/{runs}'
-
-
-def test_a_path_is_one_word_and_one_parameter_whatever_is_in_it() -> None:
-    path = r"""/x: y\new/it's "#2".yaml"""
-    given = [f'{name}={path}' for name in ('ROSTER', 'PARAMS', 'TIMING')]
-    words = printed('make', '-s', 'run', *given, 'IN_WORKSPACE=printf "%s\\n"', **os.environ)
-    lines = words.splitlines()
-    parameters = [yaml.safe_load(each[8:]) for each in lines if each.startswith('roster:=')]
-    assert (lines.count(path), parameters) == (2, [path, path])
-
-
 def test_a_shell_that_exports_cdpath_finds_the_workspace() -> None:
     environment = {**os.environ, 'CDPATH': '.'}
     assert printed('setup/in-workspace', 'echo', 'there', **environment) == 'there\n'
@@ -288,7 +255,7 @@ def test_a_shell_that_exports_cdpath_finds_the_workspace() -> None:
 
 @pytest.mark.parametrize(
     'target',
-    'bench demo fuzz rehearsal screenshots sim soak test test-alone test-long'.split(),
+    ['bench', 'demo', 'fuzz', 'screenshots', 'sim', 'soak', 'test', 'test-alone', 'test-long'],
 )
 def test_a_simulated_race_never_joins_the_officials_network(target: str) -> None:
     environment = {**os.environ, 'EVGP_GRAPH_INTERFACE': '10.1.0.5'}
