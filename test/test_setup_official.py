@@ -19,7 +19,8 @@ import yaml
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 
 STAND_IN = """#!/bin/sh
-words=$(printf '%s|' "${0##*/}" "$@")$EVGP_GRAPH_INTERFACE|$ROS_AUTOMATIC_DISCOVERY_RANGE
+words=$(printf '%s|' "${0##*/}" "$@")
+words="$words$EVGP_GRAPH_INTERFACE|$ROS_AUTOMATIC_DISCOVERY_RANGE"
 printf '%s\\n' "$words|$EVGP_CTL|$EVGP_TAKEOVER"
 """
 IN_WORKSPACE = """#!/bin/sh
