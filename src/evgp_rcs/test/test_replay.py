@@ -281,7 +281,7 @@ def test_what_was_changed_is_found_and_named_with_its_time(harm: str, seed: int)
     fits, change = HARMS[harm]
     pairs = enumerate(itertools.pairwise([*entries, None]))
     place = random.Random(seed).choice([place for place, pair in pairs if fits(*pair)])
-    entries[place : place + 1] = change(entries[place])
+    entries = [*entries[:place], *change(entries[place]), *entries[place:][1:]]
     replay = Replay(kept(entries))
     # From the difference on nothing is known but what the stream says, and it is all said.
     told = [event for step in replay.steps() for event in step.events]
