@@ -5,15 +5,12 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections import Counter
-from collections.abc import Callable, Iterable
-import heapq
-import itertools
+from collections.abc import Iterable
 import random
-import selectors
-import socket
 import threading
-import time
+from typing import Any
 
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
@@ -52,7 +49,6 @@ class _Link(KartLink):
         watching = None if deaf else witness
         super().__init__(address, ('127.0.0.1', port), watching, kart, int(deaf), timeout=5.0)
         self.socket.setblocking(False)
-        self.reading = True
         self.mood = mood
 
 
@@ -87,88 +83,61 @@ class Fleet:
         self._witness = witness
         self._rng = rng
         self._fault_every = fault_every
-        self._selector = selectors.DefaultSelector()
         self._links: dict[int, list[_Link]] = {number: [] for number in addresses}
-        self._timers: list[tuple[float, int, Callable[[], None]]] = []
-        self._order = itertools.count()
-        self._stopping, self._stopper = socket.socketpair()
+        self._loop = asyncio.new_event_loop()
+        self._after = self._loop.call_later
+        self._loop.set_exception_handler(self._fail)
         self._thread = threading.Thread(target=self._run, name='karts', daemon=True)
 
     def start(self) -> None:
         self._thread.start()
 
     def stop(self) -> None:
-        self._stopper.send(b'\0')
+        self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
-        self._stopper.close()
-
-    # ----- the loop -----------------------------------------------------------------------
+        for link in [each for links in self._links.values() for each in links]:
+            self._close(link)
+        self._loop.close()
 
     def _run(self) -> None:
-        try:
-            self._selector.register(self._stopping, selectors.EVENT_READ)
-            for kart in self._addresses:
-                self._after(self._rng.uniform(0, 0.5), self._connector(kart))
-                self._after(self._rng.uniform(0.5, self._fault_every), self._fault_of(kart))
-            while not self._turn():
-                pass
-        except BaseException as error:  # noqa: BLE001 - passed to the main thread
-            self.failure = error
-        finally:
-            for links in self._links.values():
-                for link in list(links):
-                    self._close(link)
-            self._selector.close()
-            self._stopping.close()
+        for kart in self._addresses:
+            self._after(self._rng.uniform(0, 0.5), self._connect_again, kart)
+            self._after(self._rng.uniform(0.5, self._fault_every), self._fault, kart)
+        self._loop.run_forever()
 
-    def _turn(self) -> bool:
-        """Read the available data and run due timers; return whether to stop."""
-        wait = self._timers[0][0] - time.monotonic() if self._timers else None
-        ready = self._selector.select(max(wait, 0.0) if wait is not None else None)
-        for key, _ in ready:
-            if key.fileobj is self._stopping:
-                return True
-            if key.data.reading:  # not paused by data read earlier in this turn
-                self._read(key.data)
-        while self._timers and self._timers[0][0] <= time.monotonic():
-            heapq.heappop(self._timers)[2]()
-        return False
-
-    def _after(self, delay: float, work: Callable[[], None]) -> None:
-        heapq.heappush(self._timers, (time.monotonic() + delay, next(self._order), work))
+    def _fail(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """End because of what went wrong in the thread; the main thread raises it."""
+        self.failure = context.get('exception') or RuntimeError(context['message'])
+        loop.stop()
 
     # ----- connections --------------------------------------------------------------------
 
-    def _connector(self, kart: int) -> Callable[[], None]:
-        def connect() -> None:
-            if not self._links[kart]:
-                self._connect(kart)
-
-        return connect
+    def _connect_again(self, kart: int) -> None:
+        if not self._links[kart]:
+            self._connect(kart)
 
     def _connect(self, kart: int, deaf: bool = False) -> _Link | None:
         mood = self._rng.choices(list(MOODS), list(MOODS.values()))[0]
         try:
             link = _Link(kart, self._addresses[kart], self.port, self._witness, mood, deaf)
         except OSError:
-            self._after(0.5, self._connector(kart))
+            self._after(0.5, self._connect_again, kart)
             return None
         self._links[kart].append(link)
-        self._selector.register(link.socket, selectors.EVENT_READ, link)
+        self._loop.add_reader(link.socket, self._read, link)
         if link.mood == 'early':
-            self._after(self._rng.uniform(0, 1), lambda: self._say_early(link))
+            self._after(self._rng.uniform(0, 1), self._say_early, link)
         return link
 
     def _close(self, link: _Link, reset: bool = False) -> None:
         """End a connection from this side."""
         if link not in self._links[link.kart]:
             return
-        if link.reading:
-            self._selector.unregister(link.socket)
+        self._loop.remove_reader(link.socket)
         link.end(reset)
         self._links[link.kart].remove(link)
         most = 0.3 if self.disciplined.is_set() else 2.0
-        self._after(self._rng.uniform(0, most), self._connector(link.kart))
+        self._after(self._rng.uniform(0, most), self._connect_again, link.kart)
 
     # ----- what is heard ------------------------------------------------------------------
 
@@ -188,13 +157,13 @@ class Fleet:
             self._say(link, state)
         elif change and mood == 'right':
             delay = 0.05 if self.disciplined.is_set() else 0.6
-            self._after(self._rng.uniform(0, delay), lambda: self._say_if(link, state))
+            self._after(self._rng.uniform(0, delay), self._say_if, link, state)
         elif change and mood == 'wrong':
             self._say(link, self._rng.choice(STATES))
         elif change and mood == 'late':
             if len(link.changes) > 1:
                 self._say(link, link.changes[-2][1])
-            self._after(self._rng.uniform(0.5, 3.0), lambda: self._say_if(link, state))
+            self._after(self._rng.uniform(0.5, 3.0), self._say_if, link, state)
         elif not change and mood == 'right' and self._rng.random() < 0.2:
             # The kart may not have been right yet when the state came.
             self._say(link, state)
@@ -205,7 +174,7 @@ class Fleet:
         if link not in self._links[link.kart]:
             return
         self._say(link, self._rng.choice((GRID_ACTIVE, GRID_ACTIVE, *STATES)))
-        self._after(self._rng.uniform(0, 0.5), lambda: self._say_early(link))
+        self._after(self._rng.uniform(0, 0.5), self._say_early, link)
 
     def _say_if(self, link: _Link, state: RaceState) -> None:
         if link.state is state:
@@ -225,18 +194,14 @@ class Fleet:
 
     # ----- what goes wrong ----------------------------------------------------------------
 
-    def _fault_of(self, kart: int) -> Callable[[], None]:
-        def fault() -> None:
-            self._after(self._rng.expovariate(1 / self._fault_every), fault)
-            if self.disciplined.is_set() and self._rng.random() < 0.95:
-                return
-            links = self._links[kart]
-            if links:
-                kind = self._rng.choices(list(FAULTS), list(FAULTS.values()))[0]
-                self.faults[kind] += 1
-                getattr(self, f'_{kind.replace(" ", "_")}')(links[-1])
-
-        return fault
+    def _fault(self, kart: int) -> None:
+        self._after(self._rng.expovariate(1 / self._fault_every), self._fault, kart)
+        if self.disciplined.is_set() and self._rng.random() < 0.95:
+            return
+        if links := self._links[kart]:
+            kind = self._rng.choices(list(FAULTS), list(FAULTS.values()))[0]
+            self.faults[kind] += 1
+            getattr(self, f'_{kind.replace(" ", "_")}')(links[-1])
 
     def _drop(self, link: _Link) -> None:
         self._close(link)
@@ -249,27 +214,20 @@ class Fleet:
 
     def _silence(self, link: _Link) -> None:
         """Read nothing for a while; race control tolerates that."""
-        if not link.reading:
-            return
-        link.reading = False
-        self._selector.unregister(link.socket)
-        self._after(self._rng.uniform(0.1, 0.9), lambda: self._hear_again(link))
+        if self._loop.remove_reader(link.socket):
+            self._after(self._rng.uniform(0.1, 0.9), self._hear_again, link)
 
     def _hear_again(self, link: _Link) -> None:
-        if link not in self._links[link.kart] or link.reading:
-            return
-        link.reading = True
-        self._selector.register(link.socket, selectors.EVENT_READ, link)
-        self._read(link)
+        if link in self._links[link.kart]:
+            self._loop.add_reader(link.socket, self._read, link)
 
     def _deaf(self, link: _Link) -> None:
         """Use a tiny buffer and never read again; race control gives such a kart up."""
         self._close(link)
         deaf = self._connect(link.kart, deaf=True)
         if deaf is not None:
-            deaf.reading = False
-            self._selector.unregister(deaf.socket)
-            self._after(self._rng.uniform(1.0, 5.0), lambda: self._close(deaf))
+            self._loop.remove_reader(deaf.socket)
+            self._after(self._rng.uniform(1.0, 5.0), self._close, deaf)
 
     def _garbage(self, link: _Link) -> None:
         self._send(link, self._rng.randbytes(self._rng.choice((1, 7, 40, 3000))))
@@ -283,7 +241,7 @@ class Fleet:
         frame = encode(self._rng.choice((GRID_ACTIVE, RaceState.RED_RED, *STATES)))
         cut = self._rng.randint(1, len(frame) - 1)
         self._send(link, frame[:cut])
-        self._after(self._rng.uniform(0.01, 2.0), lambda: self._send(link, frame[cut:]))
+        self._after(self._rng.uniform(0.01, 2.0), self._send, link, frame[cut:])
 
     def _reconnects(self, link: _Link) -> None:
         """Come and go as quickly as possible."""
