@@ -35,23 +35,12 @@ From GRID_ACTIVE on, what race control saves says that the karts on the grid may
 (``Race.memory``). GREEN_GREEN is refused until that is on the disk (``Race.saved``), so a crash
 never makes race control forget a kart that it let move.
 
-Race control keeps a *doubt* about each kart that may be unsafe (``Doubt``). A kart *may be moving*
-if it was sent GREEN_GREEN or a red state, or was seen to move. A kart that was sent GRID_ACTIVE is
-*on the grid*. Either doubt ends when the kart acknowledges a red state and keeps reporting it for
-``settle_time`` on the same connection, or when an official states that the kart was made safe by
-hand. Losing the connection never ends a doubt.
+Race control keeps a *doubt* about each kart that may be unsafe (``Doubt``). It ends when the kart
+acknowledges a red state and keeps reporting it for ``settle_time`` on the same connection, or when
+an official states that the kart was made safe by hand. Losing the connection never ends it.
 
-Race control assumes the worst about any period that it knows nothing about. One such period is the
-time while it is cut off from the karts (``cut_off``). Another is the time before it started,
-unless the last run on this machine ended normally with nothing under way (``recover``). The
-proposal makes one exception (§3.B): if no earlier run is known, the race begins in IN_GARAGE.
-
-Someone must be able to stop the race (``Attendance``). Once race control has lost the last program
-from which an official can stop the race, it refuses GREEN_GREEN, and after ``nobody_there``
-seconds it sends RED_FLAG.
-
-The timekeeper counts the laps (``evgp_timing``). The rules know only FINISH, which gives a kart
-its place in the order of FINISH and, after a delay, a RED_FLAG.
+docs/rules.md has the rules themselves, and says what follows where race control does not know what
+happened, is cut off from the karts, or is in contact with nobody who could stop the race.
 
 Section numbers (§) are those of the EVGP proposal.
 """
@@ -336,17 +325,11 @@ class RaceTimes:
     """
     The times of the rules, in seconds. ``ros.settings`` explains those that are parameters.
 
-    The alert delays are those of §3.A: 2 min for GRID_ACTIVE, 30 s for GREEN_GREEN, 10-15 s for
-    RED_FLAG, and "a reasonable time" for RED_RED.
-
     :param finish_delays: see §4.B, FINISH. The longest delay comes first, so that karts that
         finish later find the line clear.
-    :param finish_stop: how long the automatic end of the race (§3.C) waits for a finished kart to
-        acknowledge its RED_FLAG. §3.A gives a kart 10-15 s to come to a stop.
     :param pause_after_stall: the pause after a stall of race control, and after a start without
-        proof. It is longer because commands sent during the stall, or before the start, arrive
-        late: we have seen DDS deliver some of them 3 s late. If ``pause`` is longer still,
-        ``pause`` applies instead.
+        proof, because commands that were sent before may arrive late (we have seen DDS deliver
+        some 3 s late). If ``pause`` is longer, ``pause`` applies instead.
     """
 
     finish_delays: tuple[float, ...] = (6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
@@ -646,17 +629,8 @@ class Race:
         """
         Restore the race from what the last run saved; call this before any other input.
 
-        If the last run ended normally with nothing under way, or no earlier run is known, the race
-        begins from the roster. If no earlier run is known, the track also stays closed until an
-        official states that no race is under way anywhere, because this machine may replace
-        another one.
-
-        In every other case, the last run may have ended before it saved what happened last,
-        especially a stop, which never waits for the disk. The race resumes as after ALL_KILL: it
-        is in RED_RED, every kart is held, and the track counts as open. The official's statement
-        with IN_GARAGE covers every kart that was not known to be in doubt or held individually.
-        Any other kart must report its stop, or be released individually. A command that was sent
-        before this run began may arrive only now, so a pause begins as after a stall.
+        Unless the last run ended normally with nothing under way, or no earlier run is known, the
+        race resumes as after ALL_KILL: a stop never waits for the disk, so it may be unsaved.
 
         :param memory: what the record contains; None if it contains nothing.
         :param why: a phrase that says why race control rejects the proof that the last run ended
@@ -1018,14 +992,7 @@ class Race:
         return alerts
 
     def track_access(self) -> TrackAccess:
-        """
-        Return whether humans may be on the track now, and why or why not (§3.A).
-
-        The proposal's conditions are about connected karts only. Race control also considers karts
-        that were lost in motion or on the grid. Such a kart stays unsafe until it is back and
-        reports its stop, or until an official states that the MSR was used or that the kart was
-        made safe by hand.
-        """
+        """Return whether humans may be on the track now, and why or why not (§3.A)."""
         allowed, settled_by = False, None
         if self.msr_used:
             allowed, reason = True, 'the Master Safety Remote was used'
@@ -1545,10 +1512,7 @@ class Race:
         """
         Return the name of the heat in the race; empty if there is none.
 
-        This is the heat that was last put into the race. At first, it is the heat that consists of
-        exactly the karts in the race, if there is only one such heat. Karts of the heat may leave
-        the race. Once a kart from outside the heat joins, or no kart is left, the heat is no
-        longer in the race.
+        It stays in the race until a kart from outside it joins, or none of its karts is left.
         """
         racing = {each.number for each in self.racing()}
         inside = any(heat.name == self._put_in and racing <= {*heat.karts} for heat in self.heats)
