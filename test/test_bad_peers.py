@@ -86,10 +86,8 @@ def attacking(name: str, port: int) -> Iterator[None]:
     """
     with subprocess.Popen(
         [sys.executable, '-I', str(_SCRIPT), name, '127.0.0.1', str(port), ATTACKS[name]],
-        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
     ) as peer:
-        assert peer.stdin is not None
         assert peer.stdout is not None
         try:
             under_way, _, _ = select.select([peer.stdout], [], [], PATIENCE)
@@ -97,11 +95,7 @@ def attacking(name: str, port: int) -> Iterator[None]:
             assert peer.stdout.readline() == b'ready\n'
             yield
         finally:
-            peer.stdin.close()
-            try:
-                peer.wait(10)
-            except subprocess.TimeoutExpired:
-                peer.kill()
+            peer.kill()
 
 
 def check_frames(race: WireRace) -> None:

@@ -5,12 +5,12 @@
 A bad peer of race control, as a script that needs nothing but the standard library.
 
 Run as a script, with the name of an attack, the address and port of race control, and the address
-to attack from, it attacks until its standard input ends. It says ``ready`` once it is under way.
+to attack from, it attacks until it is killed. It says ``ready`` once it is under way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 import contextlib
 import os
 import resource
@@ -18,7 +18,6 @@ import select
 import socket
 import struct
 import sys
-import threading
 import time
 
 IP_BIND_ADDRESS_NO_PORT = 24  # of Linux; Python has a name for it from 3.12 on
@@ -29,87 +28,63 @@ RECONNECTS = 200
 
 class Attack:
     """
-    What one bad peer does; each method is an attack.
+    What one bad peer does; each public method is an attack, and yields while it is under way.
 
-    :param server: race control's address and port.
-    :param source: the address to attack from.
+    It ends if race control hangs up, and is then made again.
     """
 
     def __init__(self, server: tuple[str, int], source: str) -> None:
-        """Take note of where to attack."""
         self._server = server
         self._source = source
-        self._over = threading.Event()
-        self._ready = False
 
-    def run(self, name: str) -> None:
-        threading.Thread(target=self._wait_for_the_end, daemon=True).start()
-        attack: Callable[[], None] = getattr(self, name)
-        while not self._over.is_set():
-            try:
-                attack()
-            except OSError:
-                self._over.wait(0.005)  # race control has hung up: once more
+    def flood(self) -> Iterator[None]:
+        return self._pour(lambda: b'$GREEN_GREEN;$RED_RED;' * 200)
 
-    # ----- what it sends ------------------------------------------------------------------
+    def random_bytes(self) -> Iterator[None]:
+        return self._pour(lambda: os.urandom(4096))
 
-    def flood(self) -> None:
-        self._pour(lambda: b'$GREEN_GREEN;$RED_RED;' * 200)
-
-    def random_bytes(self) -> None:
-        self._pour(lambda: os.urandom(4096))
-
-    # ----- what it does not do ------------------------------------------------------------
-
-    def slow_reader(self) -> None:
+    def slow_reader(self) -> Iterator[None]:
         """Never read, with a tiny buffer."""
         with self._connected(receive_buffer=1) as peer:
-            self._is_ready()
-            while not self._over.is_set() and not _has_hung_up(peer):
-                self._over.wait(0.05)
+            yield
+            hung_up = select.poll()
+            hung_up.register(peer, select.POLLRDHUP)
+            hung_up.poll()
 
-    # ----- how it comes and goes ----------------------------------------------------------
-
-    def half_close(self) -> None:
+    def half_close(self) -> Iterator[None]:
         with self._connected() as peer:
             peer.shutdown(socket.SHUT_WR)
-            self._is_ready()
+            yield
             while peer.recv(4096):
                 pass
 
-    def reset(self) -> None:
+    def reset(self) -> Iterator[None]:
         """Connect and reset, again and again."""
         with self._connected() as peer:
             peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
-            self._is_ready()
+            yield
 
-    def reconnects(self) -> None:
+    def reconnects(self) -> Iterator[None]:
         """Connect and close, 200 times a second."""
-        due = time.monotonic()
-        while not self._over.is_set():
-            due += 1 / RECONNECTS
-            self._connected().close()
-            self._is_ready()
-            self._over.wait(max(due - time.monotonic(), 0))
+        due = time.monotonic() + 1 / RECONNECTS
+        yield from self.hammer()
+        time.sleep(max(due - time.monotonic(), 0))
 
-    def hammer(self) -> None:
+    def hammer(self) -> Iterator[None]:
         """Connect again and again, without a pause."""
-        while not self._over.is_set():
-            self._connected().close()
-            self._is_ready()
+        self._connected().close()
+        yield
 
-    def many_connections(self) -> None:
+    def many_connections(self) -> Iterator[None]:
         """Keep 2,000 connections open, and connect anew those that race control ends."""
-        with contextlib.ExitStack() as stack:
-            peers = [stack.enter_context(self._connected(wait=False)) for _ in range(CONNECTIONS)]
-            self._is_ready()
-            while not self._over.wait(0.02):
-                peers = peers[50:] + peers[:50]
-                for number, peer in enumerate(peers[:50]):
-                    peer.close()
-                    peers[number] = stack.enter_context(self._connected(wait=False))
-
-    # ----- how ----------------------------------------------------------------------------
+        peers = [self._connected(wait=False) for _ in range(CONNECTIONS)]
+        while True:
+            yield
+            for number, peer in enumerate(peers):
+                peer.close()
+                peers[number] = self._connected(wait=False)
+                if number % 50 == 0:
+                    time.sleep(0.02)
 
     def _connected(self, receive_buffer: int = 0, wait: bool = True) -> socket.socket:
         peer = socket.socket()
@@ -121,44 +96,37 @@ class Attack:
             peer.setsockopt(socket.IPPROTO_IP, IP_BIND_ADDRESS_NO_PORT, 1)
             peer.bind((self._source, 0))
             peer.settimeout(1.0 if wait else 0.0)
-            peer.connect(self._server)
-        except BlockingIOError:
-            pass  # it connects meanwhile
+            with contextlib.suppress(BlockingIOError):  # it connects meanwhile
+                peer.connect(self._server)
         except BaseException:
             peer.close()
             raise
         return peer
 
-    def _pour(self, data: Callable[[], bytes]) -> None:
+    def _pour(self, data: Callable[[], bytes]) -> Iterator[None]:
         with self._connected() as peer:
-            while not self._over.is_set():
-                try:
+            while True:
+                with contextlib.suppress(TimeoutError):  # race control takes its time
                     peer.send(data())
-                    self._is_ready()
-                except TimeoutError:
-                    pass  # race control takes its time
+                    yield
                 while select.select([peer], [], [], 0)[0]:
                     if not peer.recv(65536):
                         return
 
-    def _is_ready(self) -> None:
-        if not self._ready:
-            self._ready = True
-            print('ready', flush=True)
 
-    def _wait_for_the_end(self) -> None:
-        sys.stdin.read()
-        self._over.set()
-
-
-def _has_hung_up(peer: socket.socket) -> bool:
-    """Return whether the other end is gone, without reading."""
-    poll = select.poll()
-    poll.register(peer, select.POLLRDHUP | select.POLLERR | select.POLLHUP)
-    return bool(poll.poll(0))
+def main(name: str, host: str, port: str, source: str) -> None:
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, CONNECTIONS + 1000), hard))
+    attack: Callable[[], Iterator[None]] = getattr(Attack((host, int(port)), source), name)
+    ready = 'ready\n'
+    while True:
+        try:
+            for _ in attack():
+                print(ready, end='', flush=True)
+                ready = ''
+        except OSError:
+            time.sleep(0.005)  # race control has hung up: once more
 
 
 if __name__ == '__main__':
-    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, CONNECTIONS + 1000), hard))
-    Attack((sys.argv[2], int(sys.argv[3])), sys.argv[4]).run(sys.argv[1])
+    main(*sys.argv[1:])
