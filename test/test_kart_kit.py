@@ -691,8 +691,7 @@ def test_text_that_nobody_takes_delays_no_stop_ends_no_kart_and_reaches_no_race_
     assert control.malformed == 0
     control.close()
     time.sleep(1.0)  # so that an attempt to connect has failed
-    listening = socket.create_server(('127.0.0.1', control.port))
-    back = parts.enter_context(BareRaceControl(listening=listening))
+    back = parts.enter_context(BareRaceControl(port=control.port))
     back.wait_for_connections(1)
 
 

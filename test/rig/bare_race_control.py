@@ -6,6 +6,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import contextlib
+import select
 import socket
 import threading
 import time
@@ -26,32 +28,26 @@ class BareRaceControl(Part):
     ``said`` is what the kart said last on its present connection, and ``malformed`` how much that
     it said was no frame.
 
-    :param listening: where karts connect; None: at a port of 127.0.0.1 that the system chooses.
     :param heard: called in another thread with each state that the kart says, as it comes.
+    :param port: where karts connect, at 127.0.0.1; 0: at one that is free.
     """
 
     def __init__(
-        self,
-        heard: Callable[[RaceState], object] = lambda state: None,
-        listening: socket.socket | None = None,
+        self, heard: Callable[[RaceState], object] = lambda state: None, port: int = 0
     ) -> None:
         """Listen and beat; IN_GARAGE until told otherwise."""
         self.said: RaceState | None = None
         self.malformed = 0
+        self.port = port or free_port()
         self._heard = heard
-        self._state = RaceState.IN_GARAGE
-        self._beating = True
+        self._state: RaceState | None = RaceState.IN_GARAGE
         self._kart: socket.socket | None = None
         self._news = threading.Condition()
-        self._ending = threading.Event()
+        self._ending = False
         self._connections = 0
-        self._listening = listening or socket.create_server(('127.0.0.1', free_port()))
-        self.port: int = self._listening.getsockname()[1]
-        self._threads = [
-            threading.Thread(target=target, daemon=True) for target in (self._accept, self._beat)
-        ]
-        for thread in self._threads:
-            thread.start()
+        self._listening = socket.create_server(('127.0.0.1', self.port))
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
 
     def say(self, *states: RaceState) -> float:
         """
@@ -61,7 +57,6 @@ class BareRaceControl(Part):
         """
         with self._news:
             self._state = states[-1]
-            self._beating = True
             self.said = None
             self._send(*states)
         return time.monotonic()
@@ -69,7 +64,7 @@ class BareRaceControl(Part):
     def fall_silent(self) -> float:
         """Send nothing any more, and keep the connection; return the monotonic time, s."""
         with self._news:
-            self._beating = False
+            self._state = None
         return time.monotonic()
 
     def send(self, data: bytes) -> None:
@@ -80,8 +75,9 @@ class BareRaceControl(Part):
 
     def hang_up(self) -> None:
         """End the connection; the kart may come back."""
-        with self._news:
-            self._drop()
+        with self._news, contextlib.suppress(OSError):  # the other end was quicker
+            assert self._kart is not None
+            self._kart.shutdown(socket.SHUT_RDWR)
 
     def wait_until_it_says(self, state: RaceState) -> None:
         """
@@ -105,69 +101,54 @@ class BareRaceControl(Part):
         :raises AssertionError: if they are not in time.
         """
         with self._news:
-            self._news.wait_for(lambda: self._connections >= count, PATIENCE)
-            assert self._connections >= count
+            assert self._news.wait_for(lambda: self._connections >= count, PATIENCE)
 
     def close(self) -> None:
-        self._ending.set()
-        self._listening.shutdown(socket.SHUT_RDWR)
-        with self._news:
-            self._drop()
-        for thread in self._threads:
-            thread.join(PATIENCE)
+        self._ending = True
+        self._thread.join(PATIENCE)
+        self._drop()
         self._listening.close()
 
-    def _accept(self) -> None:
-        while not self._ending.is_set():
-            try:
-                kart, _ = self._listening.accept()
-            except OSError:
-                return  # closed
+    def _run(self) -> None:
+        decoder, due = FrameDecoder(), 0.0
+        while not self._ending:
+            wait = max(0.0, due - time.monotonic())
+            ends = [self._listening, *filter(None, [self._kart])]
+            ready, _, _ = select.select(ends, [], [], wait)
             with self._news:
-                self._drop()
-                self._kart = kart
-                self._connections += 1
-                self.said = None
+                if self._listening in ready:
+                    self._drop()
+                    decoder = FrameDecoder()
+                    self._kart, _ = self._listening.accept()
+                    self._connections += 1
+                    self.said = None
+                elif ready:
+                    self._read(decoder)
+                if time.monotonic() >= due:
+                    due = time.monotonic() + BEAT
+                    self._send(*filter(None, [self._state]))
                 self._news.notify_all()
-            threading.Thread(target=self._read, args=(kart,), daemon=True).start()
 
-    def _beat(self) -> None:
-        while not self._ending.wait(BEAT):
-            with self._news:
-                if self._beating:
-                    self._send(self._state)
+    def _read(self, decoder: FrameDecoder) -> None:
+        data = b''
+        if self._kart is not None:
+            with contextlib.suppress(OSError):
+                data = self._kart.recv(4096)
+        if not data:
+            self._drop()
+        for each in decoder.feed(data):
+            if isinstance(each, StateFrame):
+                self._heard(each.state)
+                self.said = each.state
+            else:
+                self.malformed += 1
 
     def _send(self, *states: RaceState) -> None:
         if self._kart is not None:
-            try:
+            with contextlib.suppress(OSError):  # it is gone, which the next look shows
                 self._kart.sendall(b''.join(map(encode, states)))
-            except OSError:
-                self._drop()
 
     def _drop(self) -> None:
-        kart, self._kart = self._kart, None
-        if kart is not None:
-            try:
-                kart.shutdown(socket.SHUT_RDWR)
-            except OSError:
-                pass  # the other end was quicker
-
-    def _read(self, kart: socket.socket) -> None:
-        decoder = FrameDecoder()
-        with kart:
-            while True:
-                try:
-                    data = kart.recv(4096)
-                except OSError:
-                    return
-                if not data:
-                    return
-                frames = decoder.feed(data)
-                heard = [each for each in frames if isinstance(each, StateFrame)]
-                self.malformed += len(frames) - len(heard)
-                for each in heard:
-                    self._heard(each.state)
-                with self._news:
-                    if heard and kart is self._kart:
-                        self.said = heard[-1].state
-                    self._news.notify_all()
+        if self._kart is not None:
+            self._kart.close()
+            self._kart = None
