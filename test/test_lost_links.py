@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import contextlib
 import pathlib
-import signal
 import time
 
 from evgp_kart_bridge.watch import RaceStateWatch
@@ -323,25 +322,6 @@ def test_officials_are_told_of_a_link_that_answers_late_before_it_is_lost(
 
 
 # ----- the kart's machine ------------------------------------------------------------------
-
-
-def test_a_frozen_bridge_is_seen_by_what_it_does_not_acknowledge(race: NetworkRace) -> None:
-    """Its kernel goes on to answer TCP, so there is no lost connection to be seen."""
-    race.green()
-    began = time.monotonic()
-    race.faulty.bridge.signal(signal.SIGSTOP)
-    race.wait_for_stopped(began)
-    check_the_other_kart_raced_on(race)
-    race.official.command('all_kill')
-    race.official.wait_for_acks(RED_RED, GOOD)
-    alert = race.wait_for(began, 'an alert', kind=Event.ALERT_RAISED, kart=FAULTY)
-    assert alert.text.startswith('Use the MSR')
-    assert not race.events(Event.DISCONNECTED, FAULTY)
-    states = len(race.faulty.team.states)
-    race.faulty.bridge.signal(signal.SIGCONT)
-    race.wait_for_lost(began)
-    race.wait_for_held()
-    assert RaceState.GREEN_GREEN not in race.faulty.team.states[states:]
 
 
 def test_a_machine_that_reboots_takes_the_place_of_its_own_lost_connection(

@@ -302,18 +302,6 @@ def test_where_it_cannot_be_known_no_proof_of_an_orderly_end_is_believed_and_not
     assert 'arping' in control.output
 
 
-def test_race_control_that_may_only_ask_by_arping_ends_too_once_another_machine_has_its_address(
-    masters: Masters,
-) -> None:
-    need_arping()
-    official = masters.official(masters.first)
-    control = masters.start(masters.first, under=PLAIN)
-    masters.wait_for(RaceState.IN_GARAGE)
-    masters.spare.ip(f'addr add {RACE_CONTROL}/24 dev eth0')
-    assert control.wait() == 1
-    assert hardware_of(masters.spare) in says_why_it_ended(official)
-
-
 def test_of_its_right_to_ask_race_control_leaves_nothing_to_the_processes_that_strangers_reach(
     domain: int, tmp_path: pathlib.Path
 ) -> None:

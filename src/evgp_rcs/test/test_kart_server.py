@@ -440,20 +440,6 @@ def test_each_link_is_measured_as_the_kernel_tells_and_a_new_connection_begins_u
     assert running.race.karts[1].link.grade is Grade.UNKNOWN
 
 
-def test_a_kart_whose_kernel_answers_nothing_has_a_poor_link_and_is_delivered_nothing(
-    stuck: tuple[Running, socket.socket, KartLink],
-) -> None:
-    running, client, _ = stuck  # its link is POOR
-    running.give(CommandKind.KART_RED_RED, 3)
-    running.wait_until_shown(times=2)
-    delivered = [each.state for each in running.events if each.kind is EventKind.DELIVERED]
-    assert RED_RED not in delivered
-    read_until(client, RED_RED)
-    running.wait_until_shown(lambda race, at: race.karts[3].delivered_after is not None)
-    (*_, event) = running.wait_for(EventKind.DELIVERED, 3)
-    assert (event.state, event.after > 0.0) == (RED_RED, True)
-
-
 def test_only_a_stop_that_the_karts_kernel_has_answered_to_its_end_has_arrived(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
