@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 import contextlib
+import itertools
 import os
 import pathlib
 import re
 import select
 import shutil
-import statistics
 import subprocess
 import sys
 import time
@@ -33,13 +33,8 @@ from rig.networks import Namespace, need_networks, RACE_CONTROL
 
 UNIT = pathlib.Path(__file__).resolve().parents[1] / 'src/evgp_rcs/config/evgp-rcs.service'
 
-RUNS = int(os.environ.get('EVGP_CUT_RUNS', '4'))
-"""Number of times that the old race control is cut off and comes back."""
-
 NOTICED_WITHIN = 2.0
 """Maximum time from the cable's return to the end of one of two race controls, in seconds."""
-
-RACE_STATES = [*RaceState]
 
 
 @pytest.fixture
@@ -86,79 +81,56 @@ def two_machines() -> Iterator[tuple[Namespace, Namespace]]:
         yield own, other
 
 
-def come_back(
-    masters: Masters, old_state: RaceState, new_state: RaceState, *, seen: bool
-) -> float:
-    """
-    Cut an old race control off, have a new one race, and the old one come back.
+MEETINGS = [*itertools.product((False, True), RaceState, RaceState)][::11]
+"""Whether the old race control sees its cable go, what it is in, and the new one: each state once,
+of 50 ways to meet."""
 
-    :param seen: whether the old one's own cable was pulled, which it can see.
-    :return: how long both could command, s.
-    """
-    cut = masters.plug if seen else masters.reach
-    with contextlib.ExitStack() as stack:
-        old = masters.start(masters.first, stack)
-        old_official = masters.official(masters.first, stack)
-        old_official.wait_for_connected(*NUMBERS)
-        old_official.bring_to(old_state, *NUMBERS)
-        stack.callback(cut, 'first-karts', True)
-        cut('first-karts', False)
-        cut_at = time.monotonic()
-        masters.spare.ip(f'addr add {RACE_CONTROL}/24 dev eth0')
-        stack.callback(masters.spare.ip, f'addr del {RACE_CONTROL}/24 dev eth0')
-        new = masters.start(masters.spare, stack)
-        new_official = masters.official(masters.spare, stack)
-        new_official.wait_for_connected(*NUMBERS)
-        new_official.bring_to(new_state, *NUMBERS)
-        masters.wait_for(new_state, cut_at)
-
-        servers = [os.pidfd_open(each.kart_server_pid) for each in (old, new)]
-        for each in servers:
-            stack.callback(os.close, each)
-        back_at = time.monotonic()
-        cut('first-karts', True)
-        took = first_end(servers) - back_at
-        texts = [says_why_it_ended(each) for each in (old_official, new_official)]
-        assert [each.wait() for each in (old, new)] == [1, 1]
-        time.sleep(1.0)  # what a kart is sent after that counts, too
-        print(f'old in {old_state}, new in {new_state}, seen {seen}: one ended after {took:.2f} s')
-        for number in NUMBERS:
-            before, after = masters.sent(number, back_at)
-            assert after <= {before, RaceState.RED_RED}, (number, before, after)
-        assert all(RACE_CONTROL in text for text in texts), texts
-        return took
+WORST = (False, RaceState.IN_GARAGE, RaceState.GREEN_GREEN)
+"""The old one allows humans, the karts race, and it saw no cable go."""
 
 
-@pytest.mark.long
-@pytest.mark.timeout(60 + 30 * RUNS)
+@pytest.mark.parametrize(
+    'met',
+    [
+        pytest.param(WORST, marks=pytest.mark.early, id='the worst'),
+        *(pytest.param(each, marks=pytest.mark.long) for each in MEETINGS),
+    ],
+)
 def test_an_old_race_control_that_comes_back_in_any_state_loosens_no_kart_and_one_ends(
-    masters: Masters, record_property: Callable[[str, object], None]
-) -> None:
-    """As often as EVGP_CUT_RUNS says; what the old and the new one are in goes round."""
-    took = [
-        come_back(
-            masters,
-            RACE_STATES[run % len(RACE_STATES)],
-            RACE_STATES[run // len(RACE_STATES) % len(RACE_STATES)],
-            seen=run // len(RACE_STATES) ** 2 % 2 == run % 2,
-        )
-        for run in range(RUNS)
-    ]
-    worst = f'{max(took):.2f} s, median {statistics.median(took):.2f} s of {len(took)}'
-    print(f'one of two ended within {worst}')
-    record_property('one of two ended within', worst)
-    assert max(took) < NOTICED_WITHIN
-
-
-# ----- in the short form ----------------------------------------------------------------------
-
-
-@pytest.mark.early
-def test_an_old_race_control_that_comes_back_beside_a_new_one_ends_and_no_kart_is_loosened(
     masters: Masters,
+    met: tuple[bool, RaceState, RaceState],
+    record_property: Callable[[str, object], None],
 ) -> None:
-    """The worst of them: the old one allows humans, the karts race, and it saw no cable go."""
-    come_back(masters, RaceState.IN_GARAGE, RaceState.GREEN_GREEN, seen=False)
+    seen, old_state, new_state = met
+    cut = masters.plug if seen else masters.reach
+    old = masters.start(masters.first)
+    old_official = masters.official(masters.first)
+    old_official.wait_for_connected(*NUMBERS)
+    old_official.bring_to(old_state, *NUMBERS)
+    cut('first-karts', False)
+    cut_at = time.monotonic()
+    masters.spare.ip(f'addr add {RACE_CONTROL}/24 dev eth0')
+    new = masters.start(masters.spare)
+    new_official = masters.official(masters.spare)
+    new_official.wait_for_connected(*NUMBERS)
+    new_official.bring_to(new_state, *NUMBERS)
+    masters.wait_for(new_state, cut_at)
+
+    servers = [os.pidfd_open(each.kart_server_pid) for each in (old, new)]
+    for each in servers:
+        masters.stack.callback(os.close, each)
+    back_at = time.monotonic()
+    cut('first-karts', True)
+    took = first_end(servers) - back_at
+    texts = [says_why_it_ended(each) for each in (old_official, new_official)]
+    assert [each.wait() for each in (old, new)] == [1, 1]
+    time.sleep(1.0)  # what a kart is sent after that counts, too
+    record_property('one of two ended within', f'{took:.2f} s')
+    for number in NUMBERS:
+        before, after = masters.sent(number, back_at)
+        assert after <= {before, RaceState.RED_RED}, (number, before, after)
+    assert all(RACE_CONTROL in text for text in texts), texts
+    assert took < NOTICED_WITHIN
 
 
 CHANGES = {

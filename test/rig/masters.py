@@ -84,12 +84,7 @@ class Masters:
         """Have the switch forward to a cable, or not; the machine at its end cannot see that."""
         self.switches.ip(f'link set {name} {"master karts" if up else "nomaster"}')
 
-    def start(
-        self,
-        machine: Namespace,
-        stack: contextlib.ExitStack | None = None,
-        under: tuple[str, ...] = (),
-    ) -> RaceControl:
+    def start(self, machine: Namespace, under: tuple[str, ...] = ()) -> RaceControl:
         """Start race control on a machine, as the first one there, under a command."""
         folder = self.folder / str(next(self._numbers))
         folder.mkdir()
@@ -102,13 +97,13 @@ class Masters:
                 addresses=kart_address,
                 under=(*own_disk(folder), *under),
             )
-        return (stack or self.stack).enter_context(control)
+        return self.stack.enter_context(control)
 
-    def official(self, machine: Namespace, stack: contextlib.ExitStack | None = None) -> Official:
+    def official(self, machine: Namespace) -> Official:
         """Return an official at a screen of a machine."""
         with machine.inside():
             official = Official(self.domain)
-        return (stack or self.stack).enter_context(official)
+        return self.stack.enter_context(official)
 
     def wait_for(self, state: RaceState, since: float = 0.0) -> float:
         """Return when the last kart was sent a state, by a connection younger than that."""
