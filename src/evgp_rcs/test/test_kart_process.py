@@ -283,23 +283,6 @@ def test_a_hold_of_the_last_moment_is_found_by_the_next_run_and_nothing_is_relea
 # ----- the client of it, in the ROS half ---------------------------------------------------
 
 
-def test_a_kart_server_that_is_killed_is_told_of_and_every_command_refused(begin: Begin) -> None:
-    ended: queue.SimpleQueue[str] = queue.SimpleQueue()
-    client = KartServerClient(begin, lambda news: None, ended.put)
-    client.start()
-    try:
-        freeze(client._process.pid)
-        kill = threading.Timer(0.2, client._process.kill)
-        kill.start()
-        for _ in ('while it dies', 'afterwards'):
-            with pytest.raises(KartServerError, match='lost its karts, so use the MSR'):
-                client.command(ALL_KILL, clock.now())
-        kill.join()
-        assert ended.get(timeout=TIMEOUT)
-    finally:
-        client.stop(in_order=False)
-
-
 def test_a_kart_server_that_hangs_and_takes_nothing_is_given_up_and_no_thread_waits_for_it(
     begin: Begin, monkeypatch: pytest.MonkeyPatch
 ) -> None:
