@@ -105,10 +105,8 @@ def an_hour(chance: random.Random) -> PaperRace:
         *[lambda number: paper.measure(number, chance.choice([*Grade]))] * 20,
         *[lambda number: paper.say(number, chance.choice([*RaceState]))] * 500,
     ]
+    paper.connect(*numbers)
     while paper.now < 3700.0:
-        for number in numbers:
-            paper.command(CommandKind.KART_IN_GARAGE, number)
-            paper.connect(number)
         paper.drive()
         ends = paper.now + chance.uniform(60.0, 240.0)
         while paper.now < ends:
@@ -118,7 +116,10 @@ def an_hour(chance: random.Random) -> PaperRace:
             paper.command(CommandKind.KART_FINISH, number)
             paper.wait(1.0)
         paper.command(CommandKind.ALL_KILL)
+        paper.connect(*numbers)  # or the race stays in RED_RED, and its karts are released from it
         paper.go_home()
+        for number in numbers:
+            paper.command(CommandKind.KART_IN_GARAGE, number)
     return paper
 
 
