@@ -54,8 +54,7 @@ def start_board(parts: contextlib.ExitStack) -> StartBoard:
 
 @pytest.fixture
 def browser() -> Iterator[Browser]:
-    with Browser(1920, 1080) as made:
-        made.open_page()
+    with Browser() as made:
         yield made
 
 

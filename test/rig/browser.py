@@ -10,7 +10,6 @@ Whatever the page writes to the console, and whatever it asks the network for, i
 from __future__ import annotations
 
 import base64
-from collections import deque
 import contextlib
 import fcntl
 import json
@@ -39,14 +38,10 @@ COMPLAINTS = (
 
 
 class Browser(Part):
-    """
-    A browser that shows one page at a time.
+    """A browser that shows one page at a time, at first an empty one."""
 
-    :param width, height: the size of the page on its screen, in pixels.
-    """
-
-    def __init__(self, width: int = 1366, height: int = 768) -> None:
-        """Start it, without a page; skip the test where there is none."""
+    def __init__(self) -> None:
+        """Start it; skip the test where there is none."""
         program = next((found for name in NAMES if (found := shutil.which(name))), None)
         if program is None:
             cannot_run('there is no chromium (Debian: apt install chromium)')
@@ -59,7 +54,6 @@ class Browser(Part):
             '--headless',
             '--remote-debugging-pipe',
             f'--user-data-dir={folder}',
-            f'--window-size={width},{height}',
             '--no-first-run',
             '--disable-gpu',
             '--disable-dev-shm-usage',
@@ -83,33 +77,16 @@ class Browser(Part):
             os.close(end)
         self._number = 0
         self._unread = b''
-        self._events: deque[dict[str, Any]] = deque()
         self.complaints: list[str] = []
         """What the page wrote to the console, and the exceptions that it did not catch."""
         self.requested: list[str] = []
         """The addresses that the page asked for, the page itself first."""
-        self._session = ''
-        self._context = ''
-        self._width, self._height = width, height
-
-    def open_page(self) -> None:
-        """Show an empty page in place of what is shown, and forget all that was before."""
-        self._session = ''
-        if self._context:
-            self.call('Target.disposeBrowserContext', browserContextId=self._context)
-        size = {'width': self._width, 'height': self._height}
-        self._context = self.call('Target.createBrowserContext')['browserContextId']
-        target = self.call(
-            'Target.createTarget', url='about:blank', browserContextId=self._context, **size
-        )['targetId']
-        self._session = self.call('Target.attachToTarget', targetId=target, flatten=True)[
-            'sessionId'
-        ]
+        self._session: dict[str, str] = {}
+        target = self.call('Target.createTarget', url='about:blank')['targetId']
+        attached = self.call('Target.attachToTarget', targetId=target, flatten=True)
+        self._session = {'sessionId': attached['sessionId']}
         for domain in ('Page', 'Runtime', 'Log', 'Network'):
             self.call(f'{domain}.enable')
-        self.resize(self._width, self._height)
-        self.complaints.clear()
-        self.requested.clear()
 
     def close(self) -> None:
         os.close(self._write)  # it ends when nobody is at the pipe any more
@@ -130,13 +107,7 @@ class Browser(Part):
         :raises AssertionError: if it answers with an error, or not in time.
         """
         self._number += 1
-        message: dict[str, object] = {
-            'id': self._number,
-            'method': method,
-            'params': parameters,
-        }
-        if self._session:
-            message['sessionId'] = self._session
+        message = {'id': self._number, 'method': method, 'params': parameters, **self._session}
         os.write(self._write, json.dumps(message).encode() + b'\0')
         until = time.monotonic() + PATIENCE
         while True:
@@ -161,21 +132,17 @@ class Browser(Part):
             self.complaints.append(json.dumps(event['params']))
         elif event.get('method') == 'Network.requestWillBeSent':
             self.requested.append(event['params']['request']['url'])
-        self._events.append(event)
 
     # ----- the page -----------------------------------------------------------------------
 
     def visit(self, page: pathlib.Path | str) -> None:
         """Show a file, or what is at an address, and return once it is there."""
-        self._events.clear()
         self.requested.clear()
         self.call('Page.navigate', url=page if isinstance(page, str) else page.absolute().as_uri())
-        until = time.monotonic() + PATIENCE
-        while not any(each.get('method') == 'Page.loadEventFired' for each in self._events):
-            self._take(self._next(until))
+        self.wait_for("document.readyState === 'complete'")
 
     def resize(self, width: int, height: int, mobile: bool = False) -> None:
-        """Give the page this size on its screen, in pixels, until another page is opened."""
+        """Give the page this size on its screen, in pixels."""
         size = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': mobile}
         self.call('Emulation.setDeviceMetricsOverride', **size)
 
