@@ -22,7 +22,6 @@ from evgp_rcs.record.run_mark import (
     place,
     RUN_BEGAN,
     RunMark,
-    why_not_lasting,
 )
 from evgp_rcs.rules.race import LastRun
 import pytest
@@ -281,25 +280,6 @@ def test_there_is_one_place_for_each_port_and_loopback_addresses_have_their_own(
     assert place('0.0.0.0', 12017) == place('10.0.0.1', 12017) == FOLDER / '12017'
     assert place('10.0.0.1', 12018) == FOLDER / '12018'
     assert place('127.0.0.1', 12017) not in (FOLDER / '12017', place('127.0.0.2', 12017))
-
-
-MOUNTS = """\
-22 1 254:0 / / rw,relatime - ext4 /dev/vda rw
-25 22 0:23 / /dev/shm rw,relatime - tmpfs tmpfs rw
-30 22 254:0 /var/tmp/systemd-private-1f-rcs.service-x/tmp /var/tmp rw - ext4 a rw
-31 30 8:1 / /var rw,relatime shared:1 master:2 - ext4 /dev/sda1 rw
-32 31 0:30 / /var rw,relatime shared:1 - tmpfs tmpfs rw
-"""
-
-
-@pytest.mark.parametrize(
-    ('mount', 'why'),
-    [('22', ''), ('30', 'PrivateTmp=no'), ('31', ''), ('32', 'lost with the power')],
-)
-def test_a_place_that_is_private_or_in_memory_is_none_for_a_mark(mount: str, why: str) -> None:
-    reason = why_not_lasting(mount, MOUNTS)
-    assert why in reason
-    assert bool(why) == bool(reason)
 
 
 def test_marks_outlive_a_restart_and_belong_to_nobody(path: pathlib.Path) -> None:

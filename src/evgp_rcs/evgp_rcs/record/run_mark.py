@@ -10,7 +10,7 @@ disk before a kart can connect and, when the run ends normally, how it ended. A 
 read or written proves nothing.
 
 A `FOLDER` that is private to a service, or whose files are lost with the power, cannot hold a mark
-(``why_not_lasting``). Without a mark, race control does not start a race (``record_process``).
+(``_why_not_lasting``). Without a mark, race control does not start a race (``record_process``).
 """
 
 from __future__ import annotations
@@ -79,20 +79,19 @@ def claim(file: int) -> bool:
             return True
 
 
-def why_not_lasting(mount: str, mounts: str) -> str:
-    """
-    Return why files on a mount would not last until the next run; empty if they would.
-
-    :param mount: number of the mount.
-    :param mounts: the text of ``/proc/self/mountinfo``.
-    """
-    for line in mounts.splitlines():
+def _why_not_lasting(folder: int) -> str:
+    """Return why files in an open folder would not last until the next run; empty if they would."""
+    # The kernel knows which of several mounts over each other is the one in use.
+    about = (_PROCESS / 'fdinfo' / str(folder)).read_text(encoding='ascii').split()
+    mount = about[about.index('mnt_id:') + 1]
+    for line in (_PROCESS / 'mountinfo').read_text(errors='replace').splitlines():
         before, _, after = line.partition(' - ')
         number, _, _, root, point, *_ = before.split(' ')
-        kind, *_ = after.split(' ')
-        if number == mount and 'systemd-private' in root:
+        if number != mount:
+            continue
+        if 'systemd-private' in root:
             return f'{point} is private to this service: set PrivateTmp=no in its unit'
-        if number == mount and kind in ('tmpfs', 'ramfs'):
+        if after.startswith(('tmpfs ', 'ramfs ')):
             return f'{point} is in memory, so files there are lost with the power'
     return ''
 
@@ -153,12 +152,8 @@ class RunMark:
             self._file = None
         folder = _open_folder(self._path.parent)
         try:
-            if self._path.parent == FOLDER:
-                # The kernel knows which of several mounts over each other is the one in use.
-                about = (_PROCESS / 'fdinfo' / str(folder)).read_text(encoding='ascii').split()
-                mounts = (_PROCESS / 'mountinfo').read_text(errors='replace')
-                if why := why_not_lasting(about[about.index('mnt_id:') + 1], mounts):
-                    raise OSError(why)
+            if self._path.parent == FOLDER and (why := _why_not_lasting(folder)):
+                raise OSError(why)
             file, is_new = _open(self._path.name, folder)
             try:
                 if not claim(file):
