@@ -80,7 +80,7 @@ def claim(file: int) -> bool:
 
 
 def _why_not_lasting(folder: int) -> str:
-    """Return why files in an open folder would not last until the next run; empty if they would."""
+    """Return why files in an open folder would not last until the next run; empty: they would."""
     # The kernel knows which of several mounts over each other is the one in use.
     about = (_PROCESS / 'fdinfo' / str(folder)).read_text(encoding='ascii').split()
     mount = about[about.index('mnt_id:') + 1]
