@@ -28,7 +28,7 @@ from evgp_testing.process import Program
 from rig.screen import Screen
 
 DROPPED = 'while the window was not responding'
-CHANGED = 'list of karts just changed|only brought this window forward'
+CHANGED = 'list of karts just changed|Click again'
 """Of what the window says of a key or a click that it dropped."""
 
 SLOW = 3.0
@@ -81,35 +81,27 @@ class Console(Program):
         self._probe.settimeout(PATIENCE)
         self._lines = self._probe.makefile('r')
 
-    def widgets(self) -> dict[str, dict[str, Any]]:
-        """Return every visible widget that has a name, by that."""
-        return dict(self._ask(do='widgets'))
-
     def wait_for(self, name: str, **wanted: object) -> dict[str, Any]:
         """
         Return a widget once it is visible and as wanted.
 
-        :param wanted: ``text`` or ``tip``, a pattern that must be found in it; anything else must
-            be equal, as ``barred='false'``. ``visible=False``: that it is hidden.
+        :param wanted: ``text``, a pattern that must be found in it; anything else must be equal,
+            as ``barred='false'``. ``visible=False``: that it is hidden.
         :raises AssertionError: if it does not become so in time.
         """
         # Less than this end's own patience, so that it learns what there is instead.
-        answer = self._ask(do='wait', name=name, wanted=wanted, seconds=PATIENCE - 5)
+        answer = self._is(name, wanted, PATIENCE - 5)
         assert answer['found'], (
             f'{name} did not become {wanted}; it is {answer["widget"]}\n{self._seen()}'
         )
         widget: dict[str, Any] = answer['widget']
         return widget
 
-    def becomes(self, name: str, seconds: float, **wanted: object) -> bool:
-        """Return whether a widget becomes as wanted within some seconds."""
-        return bool(self._ask(do='wait', name=name, wanted=wanted, seconds=seconds)['found'])
-
     def _seen(self) -> str:
         """Return every text that the window shows, and what it has printed."""
         shown = (
             f'{name}: {widget["text"]!r} (barred: {widget["barred"]})'
-            for name, widget in self.widgets().items()
+            for name, widget in self._ask(do='widgets').items()
             if widget['text']
         )
         return '\n'.join((*shown, self.output))
@@ -157,7 +149,7 @@ class Console(Program):
             act()
             slow = time.monotonic() + SLOW
             while time.monotonic() < ends:
-                answer = self._ask(do='wait', name=name, wanted=wanted, seconds=0.1)
+                answer = self._is(name, wanted, 0.1)
                 if answer['found']:
                     widget: dict[str, Any] = answer['widget']
                     if name in ('question', 'yes', 'no'):
@@ -168,7 +160,8 @@ class Console(Program):
                     said != before or time.monotonic() > slow
                 ):
                     break
-                if time.monotonic() > slow and self._is_spoilt():
+                spoilt = {'text': 'Press NO and start again'}
+                if time.monotonic() > slow and self._is('question_warning', spoilt)['found']:
                     self.key('n')
                     self._asking()
                     self.wait_for('yes', barred='false')
@@ -177,8 +170,9 @@ class Console(Program):
                     break  # the same key again so soon is taken for a slip, without a word
         return self.wait_for(name, **wanted)
 
-    def _is_spoilt(self) -> bool:
-        return self.becomes('question_warning', 0.0, text='Press NO and start again')
+    def _is(self, name: str, wanted: dict[str, Any], seconds: float = 0.0) -> dict[str, Any]:
+        """Return a widget within some seconds, and whether it was found as wanted."""
+        return dict(self._ask(do='wait', name=name, wanted=wanted, seconds=seconds))
 
     def ask(self, *names: str, **wanted: object) -> None:
         """Press keys until the last one has the window ask a question, as wanted."""
@@ -243,11 +237,7 @@ def probe(window: Any, address: str) -> None:
         return {
             'visible': widget.isVisible(),
             'text': text,
-            'tip': widget.accessibleDescription(),
-            'enabled': widget.isEnabled(),
-            'button': isinstance(widget, QtWidgets.QPushButton),
             'focus': widget.hasFocus(),
-            'down': isinstance(widget, QtWidgets.QAbstractButton) and widget.isDown(),
             'x': corner.x(),
             'y': corner.y(),
             'width': widget.width(),
@@ -283,7 +273,7 @@ def probe(window: Any, address: str) -> None:
         if found is None or not found['visible']:
             return wanted.get('visible') is False
         return all(
-            re.search(value, found[name]) if name in ('text', 'tip') else found[name] == value
+            re.search(value, found[name]) if name == 'text' else found[name] == value
             for name, value in wanted.items()
         )
 
