@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import importlib
 import itertools
+import os
 import pathlib
 import time
 from typing import Any
@@ -412,12 +413,16 @@ def overlaps(console: Console) -> Iterator[str]:
 
 
 def covered(console: Console) -> Iterator[str]:
-    """Yield whatever of the strip, the karts and their stops something lies over or moved off."""
+    """Yield whatever of the strip, the karts and the stops something lies over or moved off."""
     child, table = console.window.childAt, console.window.karts.table
     view = table.viewport()
     strip, shown = console.find('strip'), child(console.place('strip'))
     if shown is not strip and shown.parentWidget() is not strip:
         yield 'the strip is covered'
+    kill, pushes = console.find('all_kill'), console.window.findChildren(Push)
+    largest = max(pushes, key=lambda each: each.isVisible() * each.width() * each.height())
+    if kill.visibleRegion().boundingRect() != kill.rect() or largest is not kill:
+        yield 'ALL KILL is not wholly in sight, or not the largest button'
     for place, number in enumerate(console.window.karts.numbers):
         row = console.row(number)
         if not row.isEmpty() and not chooses(child(row.center())):
@@ -955,6 +960,25 @@ def test_alerts_that_ended_go_with_the_next_race_but_not_a_stop_that_is_no_longe
     console.repeat(QtCore.Qt.Key.Key_Space)  # the keyboard repeats a key that is held
     console.repeat(QtCore.Qt.Key.Key_Space)
     assert console.commands == [KILL]
+
+
+def test_an_alert_sounds_by_a_player_of_the_machine_and_ends_with_its_cause_once_it_is_seen(
+    opened: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path
+) -> None:
+    heard, player = tmp_path / 'heard', tmp_path / 'pw-play'
+    os.mkfifo(heard)
+    player.write_text(f'#!/bin/sh\nhead -c 4 "$1" > {heard}\n')
+    player.chmod(0o755)
+    monkeypatch.setenv('PATH', f'{tmp_path}{os.pathsep}{os.environ["PATH"]}')
+    console = opened()
+    console.tell(race_of(1, alerts=(alert(1),)))
+
+    assert heard.read_text() == 'RIFF'
+    console.press('F11')
+    assert 'OFF' in console.text('mute')
+    console.press('F10')
+    console.tell(race_of(1))
+    assert 'No alerts' in console.text('standing')
 
 
 def test_a_name_goes_with_every_command_and_the_next_window_has_it_and_the_same_palette(
