@@ -71,8 +71,7 @@ void probe(const std::string & name, double lease, double busy)
       orders[order.serial] = order;
       std::ostringstream line;
       line << "look " << order.serial << ' ' << number(order.state) << ' ' << order.number << ' ' <<
-        number(order.reached) << ' ' << (said ? number(said->state) : -1) << ' ' <<
-        (said && said->acknowledged) << ' ' << watch.reason();
+        number(order.reached) << ' ' << (said ? number(said->state) : -1) << ' ' << watch.reason();
       say(line.str());
     } else if (word == "acknowledge") {
       watch.acknowledge(orders.at(static_cast<std::uint64_t>(value)));
