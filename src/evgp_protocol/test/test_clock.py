@@ -46,40 +46,7 @@ def test_the_loop_goes_by_that_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     assert run(sleep_over_a_suspend()) < 60.0
 
 
-def test_run_returns_what_the_coroutine_returns_and_raises_what_it_raises() -> None:
-    async def give() -> int:
-        return 7
-
-    async def fail() -> None:
-        raise LookupError('gone')
-
-    assert run(give()) == 7
-    with pytest.raises(LookupError, match='gone'):
-        run(fail())
-
-
-def test_run_cancels_what_is_left_and_closes_its_loop() -> None:
-    ended: list[str] = []
-    loops: list[asyncio.AbstractEventLoop] = []
-
-    async def linger() -> None:
-        try:
-            await asyncio.get_running_loop().create_future()
-        finally:
-            ended.append('task')
-
-    async def main() -> None:
-        loops.append(asyncio.get_running_loop())
-        task = loops[0].create_task(linger())
-        await asyncio.sleep(0)
-        assert not task.done()
-
-    run(main())
-    assert ended == ['task']
-    assert loops[0].is_closed()
-
-
-def test_what_a_cancelled_task_raises_is_reported() -> None:
+def test_run_ends_what_is_left_reports_what_that_raises_and_closes_its_loop() -> None:
     reported: list[str] = []
     kept: list[asyncio.Task[None]] = []
 
@@ -88,14 +55,21 @@ def test_what_a_cancelled_task_raises_is_reported() -> None:
             await asyncio.get_running_loop().create_future()
         raise LookupError('too late')
 
-    async def main() -> None:
+    async def main() -> int:
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(lambda _, context: reported.append(str(context['exception'])))
         kept.append(loop.create_task(linger()))
         await asyncio.sleep(0)
+        return 7
 
-    run(main())
+    async def fail() -> None:
+        raise LookupError('gone')
+
+    assert run(main()) == 7
     assert reported == ['too late']
+    assert kept[0].get_loop().is_closed()
+    with pytest.raises(LookupError, match='gone'):
+        run(fail())
 
 
 def test_it_needs_no_more_than_the_standard_library() -> None:
