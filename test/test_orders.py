@@ -230,42 +230,26 @@ def compare(one: InPython, other: InCpp, examples: int, *, shrink: bool = True) 
     same()
 
 
-def compile_probe(
-    folder: pathlib.Path, text: str, probe: str, compiler: str = COMPILERS[0]
-) -> pathlib.Path:
-    """Compile a probe with this text of the header, without a warning."""
-    header = folder / HEADER
-    header.parent.mkdir(exist_ok=True)
-    header.write_text(text)
-    program = folder / compiler
-    command = [compiler, *FLAGS, '-I', folder, PACKAGE / 'test' / probe, '-o', program]
-    subprocess.run(command, check=True)
-    return program
-
-
-Compile = Callable[..., InCpp]
+Compile = Callable[..., pathlib.Path]
 
 
 @pytest.fixture(scope='module')
-def program_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], pathlib.Path]:
-    """Return a function that compiles a header's text, each once."""
+def compile_probe(tmp_path_factory: pytest.TempPathFactory) -> Compile:
+    """Return a function that compiles a probe with a header's text, without a warning, once."""
 
     @functools.cache
-    def compile_it(text: str, compiler: str) -> pathlib.Path:
-        return compile_probe(tmp_path_factory.mktemp('rules'), text, 'orders_probe.cpp', compiler)
+    def compile_it(
+        text: str, compiler: str = COMPILERS[0], probe: str = 'orders_probe.cpp'
+    ) -> pathlib.Path:
+        folder = tmp_path_factory.mktemp('rules')
+        header, program = folder / HEADER, folder / 'probe'
+        header.parent.mkdir()
+        header.write_text(text)
+        command = [compiler, *FLAGS, '-I', folder, PACKAGE / 'test' / probe, '-o', program]
+        subprocess.run(command, check=True)
+        return program
 
     return compile_it
-
-
-@pytest.fixture
-def compile_rules(program_of: Callable[[str, str], pathlib.Path], parts: Any) -> Compile:
-    """Return a function that compiles a header's text, and starts the probe."""
-
-    def compile_them(text: str, compiler: str = COMPILERS[0]) -> InCpp:
-        rules: InCpp = parts.enter_context(InCpp(program_of(text, compiler)))
-        return rules
-
-    return compile_them
 
 
 IN_CPP = (PACKAGE / 'include' / HEADER).read_text()
@@ -282,38 +266,43 @@ def check_stories(rules: InPython | InCpp) -> None:
         assert (obeyed, why, asked == '1') == story[1:], (name, answer)
 
 
-def test_what_a_stack_must_do_in_each_story(compile_rules: Compile) -> None:
+def test_what_a_stack_must_do_in_each_story(compile_probe: Compile) -> None:
     check_stories(InPython())
-    check_stories(compile_rules(IN_CPP))
+    with InCpp(compile_probe(IN_CPP)) as rules:
+        check_stories(rules)
 
 
 @pytest.mark.parametrize('compiler', COMPILERS)
-def test_the_rules_in_cpp_are_those_in_python(compile_rules: Compile, compiler: str) -> None:
-    compare(InPython(), compile_rules(IN_CPP, compiler), 200)
+def test_the_rules_in_cpp_are_those_in_python(compile_probe: Compile, compiler: str) -> None:
+    with InCpp(compile_probe(IN_CPP, compiler)) as rules:
+        compare(InPython(), rules, 200)
 
 
 def test_no_watch_lets_a_kart_drive_on_for_long_after_its_bridge_has_died(
-    compile_rules: Compile,
+    compile_probe: Compile,
 ) -> None:
-    rules = compile_rules(IN_CPP)
-    for lease in (0.5, 2.0, 2.1, 6.0, 0.0, -1.0):
+    with InCpp(compile_probe(IN_CPP)) as rules:
         rules.begin()
-        right = lease in (0.5, 2.0)
-        refused = rules.step('lease', lease).split()[5]
-        assert refused == str(int(not right)), lease
-        with pytest.raises(AttributeError if right else ValueError):
-            RaceStateWatch(NO_NODE, lease=lease)
+        for lease in (0.5, 2.0, 2.1, 6.0, 0.0, -1.0):
+            right = lease in (0.5, 2.0)
+            refused = rules.step('lease', lease).split()[5]
+            assert refused == str(int(not right)), lease
+            with pytest.raises(AttributeError if right else ValueError):
+                RaceStateWatch(NO_NODE, lease=lease)
 
 
 WHOLE = '0 torn, 0 over, 0 allocated\n'
 
 
+def read_in_three_threads(compile_probe: Compile, text: str) -> str:
+    program = compile_probe(text, probe='glance_probe.cpp')
+    return subprocess.run([program], stdout=subprocess.PIPE, text=True, check=True).stdout
+
+
 def test_an_order_is_read_whole_beside_its_writer_without_memory_and_none_that_is_over(
-    tmp_path: pathlib.Path,
+    compile_probe: Compile,
 ) -> None:
-    program = compile_probe(tmp_path, IN_CPP, 'glance_probe.cpp')
-    looked = subprocess.run([program], stdout=subprocess.PIPE, text=True, check=True)
-    assert looked.stdout == WHOLE
+    assert read_in_three_threads(compile_probe, IN_CPP) == WHOLE
 
 
 @pytest.mark.long
@@ -327,11 +316,9 @@ def test_an_order_is_read_whole_beside_its_writer_without_memory_and_none_that_i
     ids=str,
 )
 def test_a_fault_in_the_reading_of_orders_is_found(
-    tmp_path: pathlib.Path, fault: tuple[str, str]
+    compile_probe: Compile, fault: tuple[str, str]
 ) -> None:
-    program = compile_probe(tmp_path, faulty(IN_CPP, fault), 'glance_probe.cpp')
-    looked = subprocess.run([program], stdout=subprocess.PIPE, text=True, check=True)
-    assert looked.stdout != WHOLE
+    assert read_in_three_threads(compile_probe, faulty(IN_CPP, fault)) != WHOLE
 
 
 FAULTS_IN_CPP = [
@@ -385,9 +372,9 @@ def test_every_fault_in_cpp_has_one_place() -> None:
 @pytest.mark.long
 @pytest.mark.longest
 @pytest.mark.parametrize('fault', FAULTS_IN_CPP, ids=str)
-def test_a_fault_in_cpp_is_found(compile_rules: Compile, fault: tuple[str, str]) -> None:
-    with pytest.raises(AssertionError):
-        compare(InPython(), compile_rules(faulty(IN_CPP, fault)), 10_000, shrink=False)
+def test_a_fault_in_cpp_is_found(compile_probe: Compile, fault: tuple[str, str]) -> None:
+    with InCpp(compile_probe(faulty(IN_CPP, fault))) as rules, pytest.raises(AssertionError):
+        compare(InPython(), rules, 10_000, shrink=False)
 
 
 @pytest.mark.parametrize('name', FAULTS_IN_PYTHON)
