@@ -488,23 +488,6 @@ def test_a_kart_that_stops_itself_in_green_green_says_red_red_once_it_stands(
 # ----- the bridge's own end ----------------------------------------------------------------
 
 
-def test_a_stack_stops_when_its_bridge_dies_or_hangs(start_race: StartRace) -> None:
-    race = start_race()
-    with start_stack(race.bridge.domain) as stack:
-        for number in (signal.SIGSTOP, signal.SIGKILL):
-            race.drive(stack)
-            race.bridge.signal(number)
-            race.team.wait_for_speed(lambda speed: speed == 0.0)
-            # Nobody told it to: that is the point.
-            assert race.team.state is not None
-            assert state_of(race.team.state.state) is GREEN_GREEN
-            if number is signal.SIGSTOP:
-                race.bridge.signal(signal.SIGCONT)
-                race.official.bring_to(RED_RED, 1)
-                race.official.bring_to(IN_GARAGE, 1)
-                race.team.wait_for_state(IN_GARAGE)
-
-
 @pytest.mark.parametrize(
     ('fault', 'reason'),
     [
