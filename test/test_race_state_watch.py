@@ -229,19 +229,12 @@ class BareBridge(RosSide):
         self.accepts = True
         self.spin()
 
-    def say(self, state: RaceState) -> None:
-        self.message = KartRaceState(bridge=self._identity, state=state_message(state))
-
-    def command(self, state: RaceState, order: int) -> None:
-        """Say that race control commands a state, which is to be obeyed, and said."""
-        self.message = KartRaceState(
-            bridge=self._identity,
-            state=state_message(state),
-            commanded=state_message(state),
-            order=order,
-            reached=state_message(state),
-        )
-        self._publisher.publish(self.message)
+    def say(self, state: RaceState, order: int = 0) -> None:
+        """Say a state from now on: with an order, one that race control commands."""
+        said = state_message(state)
+        self.message = KartRaceState(bridge=self._identity, state=said, order=order)
+        if order:
+            self.message.commanded = self.message.reached = said
 
     def answer(self) -> None:
         self.node.create_service(Acknowledge, '/kart_bridge/acknowledge', self._answer)
@@ -256,9 +249,6 @@ class BareBridge(RosSide):
 
     def fall_silent(self) -> None:
         self._timer.cancel()
-
-    def go_on(self) -> None:
-        self._timer.reset()
 
     def _say(self) -> None:
         self._publisher.publish(self.message)
@@ -436,14 +426,14 @@ def test_an_acknowledgement_that_is_lost_or_refused_is_sent_again_unless_its_ord
     stack: Stack, start_bare: StartBare
 ) -> None:
     bridge = start_bare(says=RED_RED)
-    bridge.command(RED_RED, 7)
+    bridge.say(RED_RED, 7)
     first = wait_for_order(stack, 7)
     stack.watch.acknowledge(first)  # to nobody
     bridge.accepts = False
     bridge.answer()
     acknowledge_until(stack, first, lambda: len(bridge.asked) >= 3)
     for number, state in ((8, GRID_ACTIVE), (9, RED_RED)):
-        bridge.command(state, number)
+        bridge.say(state, number)
         order = wait_for_order(stack, number)
         stack.watch.acknowledge(first)
         acknowledge_until(stack, order, lambda asks=(number, state): asks in bridge.asked)
@@ -464,7 +454,7 @@ def test_what_a_bridge_says_anew_again_and_again_does_not_flood_the_log(
     for number in range(40):
         bridge.message.reason = f'reason {number}'
         stack.wait_for_reason(bridge.message.reason)
-    bridge.command(RED_RED, 7)
+    bridge.say(RED_RED, 7)
     refusal = 'RED_RED cannot be acknowledged: the test says so'
     acknowledge_until(stack, wait_for_order(stack, 7), lambda: refusal in logged())
     assert 0 < sum('reason' in each for each in logged()) <= 20
