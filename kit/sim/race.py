@@ -158,7 +158,6 @@ class Line(Part):
                 number=self._said,
                 kart=number,
                 stamp=stamp_of(crossed_at),
-                strength=math.nan,
             )
         )
 

@@ -70,8 +70,6 @@ class Passing(NamedTuple):
     kart: int = 0
     transponder: str = ''
     stamp_ns: int = 0
-    hits: int = 0
-    strength: float | None = None
 
     @property
     def identity(self) -> Identity:

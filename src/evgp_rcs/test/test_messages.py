@@ -99,7 +99,7 @@ def test_a_race_comes_out_of_its_message_as_race_control_put_it_in() -> None:
 
 
 def test_results_come_out_of_their_message_as_the_timekeeper_put_them_in() -> None:
-    passing = Passing('line', 'today', 3, 7, '4711', 5_000_000_000, 9, 0.5)
+    passing = Passing('line', 'today', 3, 7, '4711', 5_000_000_000)
     unsure = Passing('line', 'today', 4)
     penalty = Penalty(7, 5, 1, disqualified=True, reason='RED_RED', official='Ada')
     karts = (

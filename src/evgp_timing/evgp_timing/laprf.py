@@ -29,7 +29,6 @@ class Field(enum.IntEnum):
     SLOT = 0x01
     RTC_TIME = 0x02
     NUMBER = 0x21
-    PEAK = 0x22
 
 
 def checksum(record: bytes) -> int:
@@ -58,12 +57,7 @@ def read(record: Record) -> Event:
     if record.kind != Kind.PASSING:
         return Sign()
     number, slot = record.number(Field.NUMBER, 4), record.number(Field.SLOT, 1)
-    time_us, peak = record.number(Field.RTC_TIME, 8), record.number(Field.PEAK, 2)
+    time_us = record.number(Field.RTC_TIME, 8)
     if number is None or slot is None or time_us is None:
         return Refused('a passing lacks its number, slot or time')
-    return of_device(
-        time_us=time_us,
-        number=number,
-        transponder=str(slot),
-        strength=None if peak is None else float(peak),
-    )
+    return of_device(time_us, number, str(slot))

@@ -6,7 +6,7 @@ Formats with one line of text for each passing.
 
 I-Lap and AMBrc send this line, with a TAB before each item except SOH, @ and CR:
 
-    SOH @ decoder (count) transponder seconds.milliseconds (hits strength ...) CR LF
+    SOH @ decoder (count) transponder seconds.milliseconds (...) CR LF
 
 Some devices do not send the items in brackets. The format comes from public descriptions (see
 README.md). They disagree on the meaning of the count and on what the checksum at the end covers,
@@ -38,14 +38,9 @@ def _reader(passing: bytes, sign: bytes) -> Callable[[bytes], Event]:
         match = re.fullmatch(passing, line)
         if match is None:
             return Refused('a line is not as expected')
-        found = match.groupdict()
-        fraction = (found['fraction'] or b'').ljust(6, b'0')
-        strength = found.get('strength')
+        seconds, fraction = int(match['seconds']), (match['fraction'] or b'').ljust(6, b'0')
         return of_device(
-            time_us=int(found['seconds']) * 1_000_000 + int(fraction),
-            transponder=found['transponder'].decode(),
-            hits=min(int(found.get('hits') or 0), 65535),
-            strength=None if strength is None else float(strength),
+            time_us=seconds * 1_000_000 + int(fraction), transponder=match['transponder'].decode()
         )
 
     return read
@@ -53,7 +48,7 @@ def _reader(passing: bytes, sign: bytes) -> Callable[[bytes], Event]:
 
 read_ilap = _reader(
     rb'@\t\d+\t(?:\d+\t)?(?P<transponder>\d{1,10})\t(?P<seconds>\d{1,10})\.(?P<fraction>\d{1,6})'
-    rb'(?:\t(?P<hits>\d{1,5})\t(?P<strength>\d{1,5}))?(?:\t[ -~\t]*)?\r?',
+    rb'(?:\t[ -~\t]*)?\r?',
     sign=rb'(?!@).*',
 )
 

@@ -29,8 +29,6 @@ class Field(enum.IntEnum):
     NUMBER = 0x01
     TRANSPONDER = 0x03
     RTC_TIME = 0x04
-    STRENGTH = 0x05
-    HITS = 0x06
     LABEL = 0x0A
 
 
@@ -61,16 +59,11 @@ def read(record: Record) -> Event:
     if record.kind != Kind.PASSING:
         return Sign()
     number, transponder = record.number(Field.NUMBER, 4), record.number(Field.TRANSPONDER, 4)
-    time_us, strength = record.number(Field.RTC_TIME, 8), record.number(Field.STRENGTH, 2)
+    time_us = record.number(Field.RTC_TIME, 8)
     if number is None or transponder is None or time_us is None:
         return Refused('a passing lacks its number, transponder or time')
-    passing = of_device(
-        time_us=time_us,
-        number=number,
-        transponder=_named(str(transponder), record.fields.get(Field.LABEL, b'')),
-        hits=record.number(Field.HITS, 2) or 0,
-        strength=None if strength is None else float(strength),
-    )
+    named = _named(str(transponder), record.fields.get(Field.LABEL, b''))
+    passing = of_device(time_us, number, named)
     return passing if record.checked else Unchecked(*passing)
 
 

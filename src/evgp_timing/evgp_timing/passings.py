@@ -19,13 +19,7 @@ CLOCK_TOLERANCE = 0.5
 seconds. It is the default of the timekeeper's parameter `clock_tolerance`."""
 
 
-def of_device(
-    time_us: int,
-    number: int = 0,
-    transponder: str = '',
-    hits: int = 0,
-    strength: float | None = None,
-) -> Passing:
+def of_device(time_us: int, number: int = 0, transponder: str = '') -> Passing:
     """
     Return a passing as a device reports it, of which its source is not known yet.
 
@@ -34,7 +28,7 @@ def of_device(
     :param transponder: number or name of the transponder as the device reports it, if necessary
         followed by a space and the label printed on it. An unknown transponder is empty.
     """
-    return Passing('', '', number, 0, transponder, time_us * 1000, hits, strength)
+    return Passing('', '', number, 0, transponder, time_us * 1000)
 
 
 class Unchecked(Passing):

@@ -98,9 +98,6 @@ FINISH_EVERY = 2.0
 """Time after which the timekeeper requests a FINISH again that got no answer, in seconds. A FINISH
 that race control refuses, as for a kart that was stopped, would be refused every time."""
 
-MOST_STRENGTH = 1e9
-"""Limit from which a signal's strength counts as unknown, in the device's own unit."""
-
 _COMMANDS = {
     msg.CommandAvailability.GRID_ACTIVE: What.GRID_ACTIVE,
     msg.CommandAvailability.KART_FINISH: What.FINISH,
@@ -132,17 +129,16 @@ def passing_of(message: msg.Passing) -> Passing:
     """
     Return the passing in a message, with values that the book can store.
 
-    A strength that is NaN or too large becomes unknown, and a time before 1970 becomes 1970. Names
-    become one printable line. A source with the name reserved for officials' passings is renamed.
+    A time before 1970 becomes 1970, and names become one printable line. A source with the name
+    reserved for officials' passings is renamed.
     """
     passing = value_of(message, Passing)
-    source, strength = tidy(passing.source), passing.strength
+    source = tidy(passing.source)
     return passing._replace(
         source='' if source == BY_HAND else source,
         session=tidy(passing.session),
         transponder=tidy(passing.transponder),
         stamp_ns=max(0, passing.stamp_ns),
-        strength=strength if strength is not None and abs(strength) < MOST_STRENGTH else None,
     )
 
 
