@@ -125,14 +125,12 @@ class Passed(NamedTuple):
     Passings that sources saw.
 
     :param at: when they arrived, in seconds.
-    :param dropped: number of further passings that were dropped because there were too many.
     :param away: how long the timekeeper had been away before this, in seconds. The passings may be
         late by up to this much.
     """
 
     at: float
     passings: tuple[Passing, ...]
-    dropped: int = 0
     away: float = 0.0
 
 
@@ -300,8 +298,7 @@ class Desk:
             del self._seen[next(iter(self._seen))]
         if self.races:
             race = self.races[-1]
-            terms = given.at, given.dropped, given.away
-            race.laps = race.laps.take(fresh.values(), *terms)
+            race.laps = race.laps.take(fresh.values(), given.at, given.away)
 
     @staticmethod
     def _count(race: Race, kart: int, at: float) -> Identity:

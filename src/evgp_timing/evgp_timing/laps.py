@@ -55,8 +55,8 @@ MOST_SOURCES = 3
 """Maximum number of sources per race, besides officials. After a correction, the timekeeper judges
 all their passings again. This takes about 2 ms per thousand, and a stop may wait as long."""
 
-ALL_SOURCES, FURTHER_SOURCES = 'all sources', 'further sources'
-"""Names for the surplus passings that do not come from one known source."""
+FURTHER_SOURCES = 'further sources'
+"""Name for all sources beyond the first ``MOST_SOURCES``, whose passings are surplus."""
 
 BEAM_PRESS = 3.0
 """Maximum time from a beam's report until an official says which kart crossed, in seconds."""
@@ -134,23 +134,18 @@ class Laps:
 
     # ----- changes ------------------------------------------------------------------------
 
-    def take(
-        self, passings: Iterable[Passing], now: float, dropped: int = 0, away: float = 0.0
-    ) -> Laps:
+    def take(self, passings: Iterable[Passing], now: float, away: float = 0.0) -> Laps:
         """
         Add passings that arrive now, and return the new laps.
 
         :param passings: the passings, none of which has arrived before.
         :param now: the time, in seconds on the rules' clock.
-        :param dropped: number of further passings, from any source, that were dropped.
         :param away: how long the timekeeper had been away, in seconds, as in ``desk.Passed``.
         """
         came = now - self.green
         crossings: list[Crossing] = []
         over, anchors, clocks = dict(self.over), dict(self.anchors), set(self.clocks)
         arrivals = {source: [*times] for source, times in self.arrivals.items()}
-        if dropped:
-            over[ALL_SOURCES] = over.get(ALL_SOURCES, 0) + dropped
         for passing in passings:
             source = passing.source
             if source != BY_HAND and len(arrivals.keys() - {source, BY_HAND}) >= MOST_SOURCES:

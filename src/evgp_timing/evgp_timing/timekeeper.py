@@ -78,9 +78,6 @@ DUE_EVERY = 0.2
 GATHERED = 0.05
 """Time for which the timekeeper collects passings to process them together, in seconds."""
 
-MOST_WAITING = 1000
-"""Maximum number of waiting passings. The timekeeper drops further ones, but counts them."""
-
 HANG = 1.0
 """Time without any activity after which the timekeeper counts as having been away, in seconds."""
 
@@ -287,9 +284,6 @@ class Timekeeper(StrictNode):
             self.get_logger().error(f'The old roster stays in use: {error}')
 
     def _see(self, message: msg.Passing) -> None:
-        if sum(len(each.passings) for each in self._waiting) >= MOST_WAITING:
-            self._waiting[-1] = self._waiting[-1]._replace(dropped=self._waiting[-1].dropped + 1)
-            return
         now, passing = clock.now(), passing_of(message)
         if self._waiting and now - self._waiting[-1].at < GATHERED:
             together = *self._waiting[-1].passings, passing
