@@ -59,6 +59,8 @@ except ImportError as error:
 QtCore, QtWidgets = window_widgets.QtCore, window_widgets.QtWidgets
 QtTest = importlib.import_module(QtCore.__name__.replace('QtCore', 'QtTest'))
 
+LEFT = QtCore.Qt.MouseButton.LeftButton
+
 HEAT = 'Heat 1'
 TEAMS = {3: 'Georgia Tech', 7: 'Purdue'}
 
@@ -172,29 +174,24 @@ class Window:
         """Return what a table shows."""
         table = self.table(number)
         return [
-            [table.item(row, column).text() for column in range(table.columnCount())]
+            [
+                (table.cellWidget(row, column) or table.item(row, column)).text()
+                for column in range(table.columnCount())
+            ]
             for row in range(table.rowCount())
         ]
 
-    def mouse(self, act: str, number: int, row: int, column: int) -> None:
-        """Press, release or click the mouse on a cell of a table."""
-        table = self.table(number)
-        middle = table.visualItemRect(table.item(row, column)).center()
-        left = QtCore.Qt.MouseButton.LeftButton
-        getattr(QtTest.QTest, f'mouse{act}')(table.viewport(), left, pos=middle)
-
     def correct(self, text: str, kart: str) -> None:
-        """Click what the newest crossing of a kart offers."""
-        row = [each[1] for each in self.rows(1)].index(kart)
-        assert self.rows(1)[row][3] == text
-        self.mouse('Click', 1, row, 3)
+        """Click the button with this text of the newest crossing of a kart."""
+        row = [each[1::2] for each in self.rows(1)].index([kart, text])
+        QtTest.QTest.mouseClick(self.table(1).cellWidget(row, 3), LEFT)
 
     def press(self, text: str) -> None:
         """Press a button by what it says."""
         buttons = self.widget.findChildren(QtWidgets.QPushButton)
         (button,) = (each for each in buttons if each.text() == text and each.isVisible())
         assert button.isEnabled(), text
-        QtTest.QTest.mouseClick(button, QtCore.Qt.MouseButton.LeftButton)
+        QtTest.QTest.mouseClick(button, LEFT)
 
     def fill(self, **fields: Any) -> None:
         """Fill in fields by their names."""
@@ -316,9 +313,8 @@ def test_it_shows_the_race_what_is_asked_badges_with_numbers_and_frames_of_corre
     racing.count('7')
     racing.until(lambda: racing.crossing('7'))
     for table, column in ((racing.table(0), 1), (racing.table(1), 1), (racing.table(1), 3)):
-        cell = table.visualItemRect(table.item(0, column))
-        edge = table.viewport().grab(cell).toImage().pixelColor(6, cell.height() // 2)
-        assert edge.name() == '#14171a'
+        cell = table.cellWidget(0, column)
+        assert cell.grab().toImage().pixelColor(6, cell.height() // 2).name() == '#14171a'
     paper.tell(What.FINISH, 7)
     racing.until(lambda: 'Kart 7 is marked as finished, but 3 laps' in racing.text('warning'))
 
@@ -454,7 +450,9 @@ def test_a_penalty_needs_a_kart_a_cost_and_a_reason_and_a_row_that_was_clicked_i
         racing.until(lambda: racing.status('7') == 'lap 1')
     assert racing.find('said').property('bad')
 
-    racing.mouse('Click', 0, [each[1] for each in racing.rows(0)].index('7'), 2)
+    table, row = racing.table(0), [each[1] for each in racing.rows(0)].index('7')
+    name = table.visualItemRect(table.item(row, 2))
+    QtTest.QTest.mouseClick(table.viewport(), LEFT, pos=name.center())
     racing.press('Penalty…')
     racing.confirm('Penalise', 'disqualified', disqualified=True, reason='not fit to race')
     racing.until(lambda: racing.status('7') == 'disqualified: not fit to race')
@@ -488,18 +486,23 @@ def test_a_click_is_of_the_crossing_that_was_pressed_or_of_none(application: Any
     with contextlib.closing(Window(application, lambda *given: sent.append(given))) as shown:
         tell(struck, counted)
         shown.until(shown.table(1).isEnabled)  # once it has seen that the results are fresh
-        shown.mouse('Press', 1, 1, 3)
+        shown.settle()
+        button = shown.table(1).cellWidget(1, 3)
+        pressed = button.mapToGlobal(button.rect().center())
+        QtTest.QTest.mousePress(button, LEFT)
         tell(struck, counted, judged(3, Mark.COUNTED))
-        shown.mouse('Release', 1, 1, 3)
+        shown.settle()
+        QtTest.QTest.mouseRelease(button, LEFT, pos=button.mapFromGlobal(pressed))
         assert not sent
-        shown.mouse('Click', 1, 2, 3)
+        shown.correct('Restore', '7')
         assert [fields['number'] for _, _, fields, _ in sent] == [1]
         # Another race: the rows are others.
-        shown.mouse('Press', 1, 2, 3)
+        QtTest.QTest.mousePress(shown.table(1).cellWidget(2, 3), LEFT)
         tell(judged(9, Mark.STRUCK))
         assert len(shown.rows(1)) == 1
-        shown.mouse('Release', 1, 0, 3)
-        shown.mouse('Click', 1, 0, 3)
+        shown.settle()
+        assert len(sent) == 1
+        shown.correct('Restore', '7')
         assert [fields['number'] for _, _, fields, _ in sent] == [1, 9]
 
 

@@ -52,12 +52,10 @@ _BUTTONS = {
 }
 _MOST = {'seconds': 3600, 'laps': 100}
 _WIDE = ('about', 'said', 'warning', 'text')  # labels that take all available room
-_LOOKS = {'KART': 'badge', ACTION: 'small'}
 _NUMBERS = ('LAPS', 'TIME', 'GAP', 'BEST', 'LAST')
 _LEFT = QtCore.Qt.AlignmentFlag.AlignLeft | QtCore.Qt.AlignmentFlag.AlignVCenter
 _RIGHT = QtCore.Qt.AlignmentFlag.AlignRight | QtCore.Qt.AlignmentFlag.AlignVCenter
 _BLACK, _RED = map(QtGui.QColor, ('#14171A', '#B3001B'))
-_BESIDE, _ABOVE = 6, 4  # margins of a badge and a small button, in pixels
 
 _STYLE = """
 QWidget { font-family: Inter, 'Noto Sans', 'DejaVu Sans'; font-size: 14px; color: #14171A; }
@@ -77,8 +75,9 @@ QHeaderView::section { background: #FFFFFF; color: #5E676F; font-size: 11px; fon
 QLineEdit { padding: 4px; }
 QPushButton { background: #FFFFFF; border: 1px solid #14171A; border-radius: 6px;
   padding: 6px 12px; font-weight: bold; }
-QPushButton#badge { background: #14171A; color: #FFFFFF; border-radius: 5px; padding: 2px 7px; }
-QPushButton#small { font-size: 12px; padding: 2px 7px; }
+QLabel#badge { background: #14171A; color: #FFFFFF; border-radius: 5px; font-weight: bold;
+  margin: 7px 6px; padding: 2px 7px; }
+QPushButton#small { font-size: 12px; margin: 7px 6px; padding: 2px 7px; }
 QPushButton#PUBLISH { background: #1F6FEB; border-color: #1F6FEB; color: #FFFFFF; }
 QPushButton:focus { border: 2px solid #1F6FEB; }
 QPushButton:disabled, QTableWidget:disabled { background: #FFFFFF; color: #A3ADB6; }
@@ -122,7 +121,6 @@ class TimekeeperWindow:
             self._buttons.append(_button(act.name, text, partial(self._ask, act)))
         self._table = _table(view.HEADINGS, stretched='TEAM')
         self._passings = _table(('TIME', 'KART', NEWEST_FIRST, ACTION), stretched=NEWEST_FIRST)
-        self._passings.cellClicked.connect(self._click)
         self._warnings = _card(self._warning)
         layout = QtWidgets.QVBoxLayout(self.widget)
         layout.addWidget(self._banner)
@@ -221,15 +219,20 @@ class TimekeeperWindow:
             return
         new = [each.passing for each in seen]
         old = [each.passing for each in self._crossings]
-        self._crossings = seen
         fresh = next(n for n in range(len(new) + 1) if new[n:] == old[: len(new) - n])
-        # Qt takes a click for none if meanwhile its row has moved.
+        shown = [*[None] * fresh, *self._crossings]
+        self._crossings = seen
+        # Qt takes a click for none if its button has meanwhile moved, or is another.
         for _ in range(fresh):
             self._passings.insertRow(0)
         self._passings.setRowCount(len(new))
         for place, each in enumerate(seen):
-            cells = (each.at, each.kart, each.text, each.button)
-            _write(self._passings, place, cells, red=NEWEST_FIRST * (each.act is Act.RESTORE))
+            if each != shown[place]:
+                cells = (each.at, each.kart, each.text)
+                _write(self._passings, place, cells, NEWEST_FIRST * (each.act is Act.RESTORE))
+                button = _button('small', each.button, partial(self._correct, each))
+                button.setFocusPolicy(QtCore.Qt.FocusPolicy.NoFocus)
+                self._passings.setCellWidget(place, len(cells), button)
         self._passings.resizeRowsToContents()
 
     # ----- what is corrected --------------------------------------------------------------
@@ -245,11 +248,8 @@ class TimekeeperWindow:
             said = f'There is no kart {typed}' if typed else 'Type the number of the kart first'
             self._say(said, bad=True)
 
-    def _click(self, row: int, column: int) -> None:
+    def _correct(self, seen: view.Crossing) -> None:
         """Strike out a passing, restore it, or give its transponder to a kart."""
-        if self._passings.horizontalHeaderItem(column).text() != ACTION:
-            return
-        seen = self._crossings[row]
         this = {**seen.passing.identity._asdict(), 'race': self._results.races[-1].number}
         if seen.act is Act.GIVE:
             self._ask(seen.act, str(seen), transponder=seen.passing.transponder)
@@ -389,40 +389,7 @@ def _table(headings: Sequence[str], stretched: str) -> Any:
             mode = header.ResizeMode.Stretch
         header.setSectionResizeMode(column, mode)
         table.horizontalHeaderItem(column).setTextAlignment(_side(heading))
-        if heading in _LOOKS:
-            table.setItemDelegateForColumn(column, _Look(_LOOKS[heading], table))
     return table
-
-
-class _Look(QtWidgets.QStyledItemDelegate):
-    """
-    Paints the texts of a table's column as a hidden button shows them.
-
-    :param name: name of the button in the style sheet.
-    """
-
-    def __init__(self, name: str, table: Any) -> None:
-        super().__init__(table)
-        self._button = QtWidgets.QPushButton(table, objectName=name)
-        self._button.hide()
-        # Otherwise Qt fills the rounded corners too.
-        self._button.setAttribute(QtCore.Qt.WidgetAttribute.WA_NoSystemBackground)
-
-    def displayText(self, *_: Any) -> str:  # noqa: N802 - Qt's name
-        return ''  # the button has it
-
-    def sizeHint(self, _: Any, index: Any) -> Any:  # noqa: N802 - Qt's name
-        self._button.setText(index.data())
-        return self._button.sizeHint() + QtCore.QSize(2 * _BESIDE, 2 * _ABOVE)
-
-    def paint(self, painter: Any, option: Any, index: Any) -> None:
-        super().paint(painter, option, index)
-        self._button.setText(index.data())
-        self._button.adjustSize()
-        place = self._button.rect()
-        place.moveCenter(option.rect.center())
-        place.moveLeft(option.rect.left() + _BESIDE)
-        painter.drawPixmap(place.topLeft(), self._button.grab())
 
 
 def _side(heading: str) -> Any:
@@ -433,6 +400,9 @@ def _write(table: Any, row: int, cells: Sequence[str], red: str) -> None:
     """Write a row of a table, with the cell below the heading `red` in red."""
     for column, text in enumerate(cells):
         heading = table.horizontalHeaderItem(column).text()
+        if heading == 'KART':
+            table.setCellWidget(row, column, _label('badge', text))
+            continue
         item = table.item(row, column)
         if item is None:
             item = QtWidgets.QTableWidgetItem()
