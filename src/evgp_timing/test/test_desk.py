@@ -58,11 +58,13 @@ class Event:
         self.now += 60.0
         self.start('', kart)
 
-    def cross(self, kart: int, after: float = 10.0, ago: float = 0.0) -> Passing:
+    def cross(
+        self, kart: int, after: float = 10.0, ago: float = 0.0, source: str = 'line'
+    ) -> Passing:
         """Have the line see a kart, and say it so long after that."""
         self.now += after
         stamp = round((self.now - ago) * 1e9)
-        passing = Passing('line', 'today', next(self._numbers), 0, f't{kart}', stamp)
+        passing = Passing(source, 'today', next(self._numbers), 0, f't{kart}', stamp)
         self.desk.feed(Passed(self.now, (passing,)))
         return passing
 
@@ -178,15 +180,26 @@ def test_auto_finish_asks_for_the_finish_of_a_kart_with_all_its_laps(
     assert [*event.desk.finishes()] == []
 
 
-@pytest.mark.parametrize('late', [0.2, 30.0])
-def test_a_crossing_from_before_green_never_counts_however_late_it_arrives(
-    event: Event, late: float
+@pytest.mark.parametrize(
+    ('crossings', 'counting'),
+    [
+        pytest.param([(0.2, 1.2, 'line'), (10.0, 0.0, 'line')], [1], id='at once'),
+        pytest.param([(30.0, 31.0, 'line'), (10.0, 0.0, 'line')], [1], id='long after'),
+        pytest.param([(5.0, 15.0, 'line'), (0.2, 15.0, 'line')], [], id='two arrive together'),
+        pytest.param([(5.0, 15.0, 'line'), (2.0, 16.9, 'line')], [], id='one waited longer'),
+        pytest.param([(5.0, 0.0, 'beam'), (10.0, 25.0, 'line')], [0], id='another source first'),
+        pytest.param([(20.0, 3600.0, 'line')] * 4, [1, 2, 3], id='its clock was set back'),
+    ],
+)
+def test_a_first_crossing_that_is_of_before_green_by_its_sources_clock_never_counts(
+    event: Event, crossings: list[tuple[float, float, str]], counting: list[int]
 ) -> None:
     event.race_again(1)
-    event.cross(1, after=late, ago=late + 1.0)
-    assert event.desk.standings().passings[-1].mark is Mark.NOT_COUNTED
-    event.cross(1)
-    assert event.desk.standings().passings[-1].mark is Mark.COUNTED
+    for after, ago, source in crossings:
+        event.cross(1, after, ago, source)
+    marks = [each.mark for each in event.desk.standings().passings]
+    assert [number for number, mark in enumerate(marks) if mark is Mark.COUNTED] == counting
+    assert 'the clock of line jumped, or its passings arrived late' in event.desk.questions()[0]
 
 
 def test_every_run_of_a_heat_is_kept_and_an_official_says_which_one_counts(event: Event) -> None:
@@ -260,20 +273,35 @@ def test_a_restart_of_race_control_ends_the_race_and_the_next_one_begins_anew(
     assert len(event.desk.races) == 2
 
 
-@pytest.mark.parametrize('heat', ['Heat 1', ''])
-def test_an_order_of_finish_that_is_not_that_of_the_results_is_a_question(
-    event: Event, heat: str
+@pytest.mark.parametrize(
+    ('why', 'order', 'is_asked'),
+    [
+        ('with laps', (2, 1), True),
+        ('without', (2, 1), True),
+        ('practice', (1, 2), False),
+        ('penalty', (1, 2), False),
+        ('lapped', (2, 1), False),
+    ],
+)
+def test_an_order_of_finish_that_is_not_that_of_the_results_is_a_question_if_it_has_to_be(
+    event: Event, why: str, order: tuple[int, int], is_asked: bool
 ) -> None:
-    event.start(heat, 1, 2)
-    event.lap(2, 1, 2)
+    if why == 'practice':
+        heats = (Heat('Heat 1', (1, 2), Format.PRACTICE),)
+        event.desk.feed(Terms(event.now, ROSTER._replace(heats=heats), LapSettings()))
+    event.start('' if why == 'without' else 'Heat 1', 1, 2)
+    crossings = [(1, 10.0), (2, 10.0), (1, 20.0), (2, 5.0), (1, 21.0), (2, 10.0)]
+    for kart, after in crossings if why != 'lapped' else crossings[:3] + crossings[4:5]:
+        event.cross(kart, after)
     assert event.desk.questions() == []
-    for kart in (2, 1):
-        event.now += 1.0
+    for kart in order:
         event.tell(What.FINISH, kart)
-    (asked,) = event.desk.questions()
-    assert 'order of FINISH' in asked
+        event.now += 1.0
+    if why == 'penalty':
+        assert event.correct(Act.PENALISE, 1, seconds=30, reason='a cone')
+    assert any('order of FINISH' in each for each in event.desk.questions()) is is_asked
     event.tell(What.UNDO_FINISH, 2)
-    assert event.desk.questions() == []
+    assert not any('order of FINISH' in each for each in event.desk.questions())
 
 
 @pytest.mark.parametrize('crossings', [0, 1])
@@ -362,16 +390,6 @@ def test_an_officials_passing_beyond_the_limit_is_refused_and_withdraws_no_resul
     assert event.desk.standings().published
 
 
-def test_a_clock_that_is_set_back_between_two_races_costs_the_first_passing_alone(
-    event: Event,
-) -> None:
-    event.race_again(1)
-    for _ in range(4):
-        event.cross(1, after=20.0, ago=3600.0)
-    assert event.desk.standings().karts[0].lap_times == pytest.approx((20.0, 20.0))
-    assert 'the clock of line jumped' in event.desk.questions()[0]
-
-
 @pytest.mark.parametrize('what', [What.OVER, What.LEFT, What.FINISH])
 def test_a_passing_that_comes_before_the_word_of_what_was_earlier_does_not_count(
     event: Event, what: What
@@ -445,25 +463,6 @@ def test_a_kart_starts_although_the_heat_that_its_place_came_from_has_left_the_r
     event.desk.feed(Terms(event.now, ROSTER._replace(heats=()), LapSettings()))
     event.tell(What.SENT_GREEN, 2)
     assert [kart for kart, *_ in event.places()] == [1, 2]
-
-
-@pytest.mark.parametrize('why', ['practice', 'penalty', 'lapped'])
-def test_no_question_is_asked_about_an_order_of_finish_that_need_not_be_that_of_the_results(
-    event: Event, why: str
-) -> None:
-    if why == 'practice':
-        heats = (Heat('Heat 1', (1, 2), Format.PRACTICE),)
-        event.desk.feed(Terms(event.now, ROSTER._replace(heats=heats), LapSettings()))
-    event.start('Heat 1', 1, 2)
-    crossings = [(1, 10.0), (2, 10.0), (1, 20.0), (2, 5.0), (1, 21.0), (2, 10.0)]
-    for kart, after in crossings if why != 'lapped' else crossings[:3] + crossings[4:5]:
-        event.cross(kart, after)
-    for kart in (2, 1) if why == 'lapped' else (1, 2):
-        event.tell(What.FINISH, kart)
-        event.now += 1.0
-    if why == 'penalty':
-        assert event.correct(Act.PENALISE, 1, seconds=30, reason='a cone')
-    assert not [each for each in event.desk.questions() if 'order of FINISH' in each]
 
 
 @pytest.mark.parametrize('what', [What.OVER, What.FINISH, What.LEFT])
