@@ -16,23 +16,23 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 from builtin_interfaces.msg import Duration
-from evgp_node.qos import latched
 from evgp_node.restarting import IN_THE_WAY
-from evgp_node.results import Act, KartResult, Standings
+from evgp_node.results import Act, KartResult, Mark, Standings, Status
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.timing import entries
 from evgp_rcs_msgs import msg, srv
-from evgp_testing.part import Part
+from evgp_testing.part import Part, PATIENCE
 from evgp_testing.process import Process
 from evgp_testing.race_control import Timekeeper, write_roster
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_race import WireRace
 from evgp_timing import timekeeper
 from evgp_timing.corrections import CORRECTIONS
-from evgp_timing.desk import Finish, What
+from evgp_timing.desk import Answer, Finish, What
 from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS, told_of
+from evgp_timing.window import Client
 import pytest
 
 KARTS = (1, 2)
@@ -45,14 +45,13 @@ LAP = 1.5
 """Time between two crossings of a kart by the clock of the line, in s. They are said at once:
 its clock may be ahead by so much."""
 
-COUNTED, NOT_COUNTED = msg.JudgedPassing.COUNTED, msg.JudgedPassing.NOT_COUNTED
-
 
 class Line(RosSide):
     """
-    A source of passings, and somebody who sees the results and corrects them.
+    A source of passings, and the client of a timekeeper's window.
 
     :ivar heard: all results so far.
+    :ivar race: what the client says last of the race.
     :ivar ahead: when each kart crossed last, by the line's clock, in seconds.
     """
 
@@ -62,12 +61,16 @@ class Line(RosSide):
         self._began_ns = time.time_ns()
         self.ahead = dict.fromkeys(KARTS, -LAP)
         self._passings = self.node.create_publisher(msg.Passing, '/rcs/passings', ARRIVING_QOS)
-        self.heard = self.hear(msg.Results, '/rcs/timekeeper/results', latched(1))
-        self._clients = {
-            act: self.node.create_client(getattr(srv, entry.service_type), f'/rcs/{entry.service}')
-            for act, entry in CORRECTIONS.items()
-        }
+        self.heard: list[Standings] = []
+        self.race: tuple[Any, ...] = ()
+        self._client = Client(context=self.context, use_global_arguments=False)
         self.spin()
+
+    def on_results(self, results: Standings) -> None:
+        self.heard.append(results)
+
+    def on_race(self, *race: object) -> None:
+        self.race = race
 
     def now(self) -> float:
         """Return the time by its clock, in seconds."""
@@ -88,34 +91,47 @@ class Line(RosSide):
         self.ahead[kart] = first + (crossings - 1) * LAP
         return [self.sees(kart, first + number * LAP) for number in range(crossings)]
 
-    def wait_for(self, found: Callable[[msg.Results], object], what: str) -> msg.Results:
-        """Return the first results for which `found` is true."""
-        return self.wait_until(
-            lambda: next((each for each in self.heard[-1:] if found(each)), None),
-            lambda: f'{what}; the results: {self.heard[-1:]!s:.3000}',
-        )
+    def look(self) -> list[Standings]:
+        """Return the newest results, if there are any."""
+        self._client.take(self)
+        return self.heard[-1:]
 
-    def wait_for_more(self, count: int = 2) -> msg.Results:
+    def wait_for(self, found: Callable[[Standings], object], what: str) -> Standings:
+        """Return the first results for which `found` is true."""
+        self.wait_until_polled(lambda: any(map(found, self.look())), what)
+        return self.heard[-1]
+
+    def wait_for_more(self, count: int = 2) -> Standings:
         """Return the results once so many more have come: the timekeeper runs."""
+        self.look()
         seen = len(self.heard)
         return self.wait_for(lambda _: len(self.heard) >= seen + count, 'more results')
 
-    def wait_for_laps(self, kart: int, laps: int) -> msg.KartResult:
+    def wait_for_laps(self, kart: int, laps: int) -> KartResult:
         """Return the result of a kart once it has so many laps."""
 
-        def found(results: msg.Results) -> bool:
+        def found(results: Standings) -> bool:
             return any((each.kart, each.laps) == (kart, laps) for each in results.karts)
 
         results = self.wait_for(found, f'{laps} laps of kart {kart}')
         return next(each for each in results.karts if each.kart == kart)
 
-    def correct(self, act: Act, **request: Any) -> tuple[bool, str]:
-        """Give a correction; return whether it is accepted, and why not."""
+    def send(self, act: Act, **fields: object) -> list[Answer]:
+        """Send a correction; return the list to which its answer is added."""
+        answers: list[Answer] = []
         entry = CORRECTIONS[act]
-        kind = getattr(srv, entry.service_type)
-        fields = {'official': 'Tina', **entry.fixed, **request}
-        answer: Any = self.request(self._clients[act], kind.Request(**fields))
-        return answer.success, answer.message
+        self._client.give(entry, 'Tina', {**entry.fixed, **fields}, answers.append)
+        return answers
+
+    def correct(self, act: Act, **fields: object) -> bool:
+        """Give a correction; return whether it is accepted."""
+        answers = self.send(act, **fields)
+        self.wait_for(lambda _: answers, f'an answer to {act}')
+        return answers[0].success
+
+    def close(self) -> None:
+        self._client.close()
+        super().close()
 
 
 class Event(Part):
@@ -128,7 +144,9 @@ class Event(Part):
     def __init__(self, folder: pathlib.Path) -> None:
         self._folder, self.book = folder, folder / 'timing.sqlite3'
         with contextlib.ExitStack() as stack:
-            self._race = stack.enter_context(WireRace(folder, KARTS, heats=HEATS))
+            self._race = stack.enter_context(
+                WireRace(folder, KARTS, parameters={'banner': 'REHEARSAL'}, heats=HEATS)
+            )
             self.domain, self.official = self._race.domain, self._race.official
             self.karts = self._race.karts
             self.line = stack.enter_context(Line(self.domain))
@@ -183,7 +201,7 @@ def event(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Event]:
         yield made
 
 
-def marks(results: msg.Results) -> list[int]:
+def marks(results: Standings) -> list[Mark]:
     return [each.mark for each in results.passings]
 
 
@@ -196,22 +214,26 @@ def test_laps_are_counted_a_kart_with_all_of_them_is_finished_once_and_officials
     line.sees(1, 0.0, number=second.number, stamp=second.stamp)  # the same one, said again
     (lap,) = line.wait_for_laps(1, 1).lap_times
     assert lap == pytest.approx(LAP)
-    assert marks(line.wait_for_more()) == [COUNTED] * 2
+    assert marks(line.wait_for_more()) == [Mark.COUNTED] * 2
+    line.wait_for(lambda _: line.race[0] == 'GREEN GREEN', 'the race')
+    _, seconds, *more = line.race
+    assert 0.0 <= seconds < PATIENCE
+    assert more == [{kart: f'Team {kart}' for kart in KARTS}, 'REHEARSAL']
 
     which = {'source': 'line', 'session': 'today', 'number': second.number}
-    assert line.correct(Act.STRIKE, **which, reason='a marshal crossed')[0]
+    assert line.correct(Act.STRIKE, **which, reason='a marshal crossed')
     struck = line.wait_for(lambda seen: seen.karts[0].laps + seen.karts[1].laps == 0, 'no lap')
     assert 'a marshal crossed' in struck.passings[1].struck
-    assert line.correct(Act.RESTORE, **which)[0]
-    assert not line.correct(Act.RESTORE, **which)[0]
+    assert line.correct(Act.RESTORE, **which)
+    assert not line.correct(Act.RESTORE, **which)
     line.wait_for_laps(1, 1)
-    assert line.correct(Act.PENALISE, kart=1, seconds=5, reason='a short cut')[0]
+    assert line.correct(Act.PENALISE, kart=1, seconds=5, reason='a short cut')
     line.wait_for(lambda seen: any(each.penalties for each in seen.karts), 'the penalty')
     assert not event.finishes()
 
     line.laps(1, 1)
     official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
-    assert line.wait_for_laps(1, 2).status == msg.KartResult.CLASSIFIED
+    assert line.wait_for_laps(1, 2).status is Status.CLASSIFIED
     line.wait_for_more(5)  # it asks again after 2 s, where it must
     (finish,) = event.finishes()
     assert (finish.kart, finish.official, finish.success) == (1, 'timekeeper', True)
@@ -241,6 +263,7 @@ def test_one_that_hangs_holds_up_nobody_and_what_it_says_in_the_next_race_concer
     line.wait_until_polled(lambda: line.now() > line.ahead[1] + LAP, 'the time of its last lap')
     event.timekeeper.signal(signal.SIGSTOP)
     line.laps(1, 1)  # its last lap: the timekeeper would have it finish
+    answers = line.send(Act.GIVE, kart=2, transponder='t9')
     event.assert_green()
     event.official.command('all_kill')
     event.bring_to(RaceState.GREEN_GREEN)
@@ -249,9 +272,11 @@ def test_one_that_hangs_holds_up_nobody_and_what_it_says_in_the_next_race_concer
     seen = line.wait_for(
         lambda seen: len(seen.races) > event.races and len(seen.passings) == 1, 'the next race'
     )
-    assert marks(seen) == [NOT_COUNTED]
+    assert marks(seen) == [Mark.NOT_COUNTED]
+    line.wait_for(lambda _: answers, 'a late answer')
+    assert answers == [Answer(True, 'transponder t9 belongs to kart 2')]
     assert [each.classified for each in seen.races[-2:]] == [0, 0]
-    assert line.correct(Act.PENALISE, kart=1, race=event.races, seconds=5, reason='a short cut')[0]
+    assert line.correct(Act.PENALISE, kart=1, race=event.races, seconds=5, reason='a short cut')
     first = kept(event.book)[event.races - 1]
     assert first is not None
     assert first.penalties
@@ -268,8 +293,10 @@ def test_karts_race_on_without_a_timekeeper_and_one_that_comes_back_has_every_la
     event: Event,
 ) -> None:
     event.timekeeper.close()
-    event.timekeeper = event.start_timekeeper(clock_tolerance=0.5)
     line = event.line
+    gone = [Answer(False, 'the timekeeper was not found. Nothing was sent')]
+    line.wait_until_polled(lambda: line.send(Act.COUNT, kart=1) == gone, 'it is gone')
+    event.timekeeper = event.start_timekeeper(clock_tolerance=0.5)
     crossed: list[float] = []
 
     def cross() -> None:
@@ -281,7 +308,7 @@ def test_karts_race_on_without_a_timekeeper_and_one_that_comes_back_has_every_la
 
     event.race()
     cross()
-    line.wait_for(lambda seen: marks(seen) == [COUNTED], 'the first crossing')
+    line.wait_for(lambda seen: marks(seen) == [Mark.COUNTED], 'the first crossing')
     event.timekeeper.kill()
     event.assert_green()
     event.official.command('kart/finish', kart=2)
@@ -297,6 +324,7 @@ def test_karts_race_on_without_a_timekeeper_and_one_that_comes_back_has_every_la
     # It goes on from the book, whatever the graph still has.
     event.timekeeper.close()
     event.timekeeper = event.start_timekeeper()
+    line.look()
     line.heard.clear()
     assert line.wait_for_laps(1, 2).lap_times == times
 

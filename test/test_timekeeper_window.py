@@ -4,45 +4,30 @@
 """
 The timekeeper's window without a screen, before a timekeeper's desk on paper.
 
-Its client is before what a node of this test says, over real DDS.
+`test_timekeeper.py` has its client before a real timekeeper.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 import contextlib
+from functools import partial
 import importlib
 import os
 import re
 import signal
 import subprocess
 import sys
-import threading
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from evgp_node.codec import message_of
 from evgp_node.entries import Entry
-from evgp_node.qos import latched
-from evgp_node.results import (
-    Act,
-    Corrected,
-    Judged,
-    KartResult,
-    Mark,
-    Passing,
-    RaceOfEvent,
-    Standings,
-    Status,
-)
+from evgp_node.results import Act, Corrected, Mark
 from evgp_node.roster import Heat
-from evgp_node.stamps import stamp_of
-from evgp_rcs_msgs import msg, srv
+from evgp_rcs_msgs import srv
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import Program
-from evgp_testing.ros_side import joined, RosSide
-from evgp_timing import window
+from evgp_testing.ros_side import RosSide
 from evgp_timing.corrections import CORRECTIONS
 from evgp_timing.desk import Answer, Desk, Roster, What
 from evgp_timing.laps import LapSettings
@@ -64,17 +49,14 @@ LEFT = QtCore.Qt.MouseButton.LeftButton
 HEAT = 'Heat 1'
 TEAMS = {3: 'Georgia Tech', 7: 'Purdue'}
 
-KART = KartResult(7, 0, Status.RUNNING, 0, None, (), ())
-RESULTS = Standings(
-    1.0, 'run', 1, HEAT, karts=(KART,), races=(RaceOfEvent(1, HEAT, 1.0, 0, False),)
-)
-
 
 class Paper(test_desk.Event):
     """A timekeeper on paper, before whose window an official sits."""
 
     def __init__(self) -> None:
         super().__init__()
+        self.is_silent = False
+        self.answers: list[Callable[[], None]] | None = None  # those that are held back
         heats = (Heat(HEAT, (*TEAMS,), laps=3),)
         self.desk = Desk(Roster((*TEAMS,), heats=heats), LapSettings(min_lap_time=1.0))
         self.start(HEAT, *TEAMS)
@@ -86,61 +68,21 @@ class Paper(test_desk.Event):
         fields: Mapping[str, Any],
         answered: Callable[[Answer], None],
     ) -> None:
-        """Answer a request as the timekeeper's service does."""
+        """Answer a request as the timekeeper's service does, unless answers are held back."""
         request = getattr(srv, entry.service_type).Request(official=official, **fields)
         act = next(act for act, row in CORRECTIONS.items() if row is entry)
         answer = self.desk.feed(Corrected(self.now, asked_for(act, request)))
         assert answer is not None
-        answered(answer)
+        if self.answers is None:
+            answered(answer)
+        else:
+            self.answers.append(partial(answered, answer))
 
     def take(self, window: window_widgets.TimekeeperWindow) -> None:
         """Say how the race is now."""
-        window.on_race('GREEN GREEN', 252.0, TEAMS, '')
-        window.on_results(self.desk.standings(self.now))
-
-
-class Event(RosSide):
-    """What race control, a timing line and a timekeeper say."""
-
-    def __init__(self, domain: int) -> None:
-        super().__init__('event', domain)
-        publisher = self.node.create_publisher
-        self._race = publisher(msg.Race, '/rcs/race', latched(1))
-        self._diagnostics = publisher(DiagnosticArray, '/diagnostics', 10)
-        self._results = publisher(msg.Results, '/rcs/timekeeper/results', latched(1))
-
-    def state(self, banner: str = '') -> None:
-        """Say that the race has been in GREEN_GREEN for 252 s."""
-        karts = [msg.KartStatus(number=each, team=team) for each, team in TEAMS.items()]
-        green, now = msg.RaceState(state=msg.RaceState.GREEN_GREEN), time.time_ns()
-        race = msg.Race(state=green, karts=karts, stamp=stamp_of(now), banner=banner)
-        race.state_since = stamp_of(now - 252 * 10**9)
-        self._race.publish(race)
-
-    def line_says(self, level: bytes, said: str) -> None:
-        """Publish what a timing line says of itself."""
-        status = DiagnosticStatus(level=level, name='timing: line', message=said)
-        status.hardware_id, status.values = '10.1.0.20:5403', [KeyValue(key='kind', value='p3')]
-        self._diagnostics.publish(DiagnosticArray(status=[status]))
-
-    def publish(self) -> None:
-        """Publish results in the timekeeper's place."""
-        self._results.publish(message_of(RESULTS, msg.Results))
-
-    def refuse_laps(self) -> threading.Event:
-        """Refuse each lap in the timekeeper's place, but wait while the result is not set."""
-        answering = threading.Event()
-        answering.set()
-
-        def refuse(_: object, answer: Any) -> object:
-            answering.wait()
-            answer.message = 'it was refused'
-            return answer
-
-        entry = CORRECTIONS[Act.COUNT]
-        kind = getattr(srv, entry.service_type)
-        self.node.create_service(kind, f'/rcs/{entry.service}', refuse)
-        return answering
+        if not self.is_silent:
+            window.on_race('GREEN GREEN', 252.0, TEAMS, '')
+            window.on_results(self.desk.standings(self.now))
 
 
 class Window:
@@ -180,6 +122,12 @@ class Window:
             ]
             for row in range(table.rowCount())
         ]
+
+    def choose(self, kart: str) -> None:
+        """Click the row of a kart."""
+        table, row = self.table(0), [each[1] for each in self.rows(0)].index(kart)
+        name = table.visualItemRect(table.item(row, 2))
+        QtTest.QTest.mouseClick(table.viewport(), LEFT, pos=name.center())
 
     def correct(self, text: str, kart: str) -> None:
         """Click the button with this text of the newest crossing of a kart."""
@@ -222,22 +170,17 @@ class Window:
         """Have Qt do what is to be done next; the window's own timer ends the wait."""
         self._application.processEvents(QtCore.QEventLoop.ProcessEventsFlag.WaitForMoreEvents)
 
-    def until(self, found: Callable[[], object], meanwhile: Callable[[], object] = int) -> None:
-        """
-        Have Qt run until something is so.
-
-        :param meanwhile: is done again and again.
-        """
+    def until(self, found: Callable[[], object]) -> None:
+        """Have Qt run until something is so."""
         ends = time.monotonic() + PATIENCE
         while not found():
             shown = {name: self.text(name) for name in ('title', 'about', 'warning', 'said')}
             assert time.monotonic() < ends, (shown, self.rows(0), self.rows(1))
-            meanwhile()
             self.settle()
 
-    def until_said(self, *parts: str, meanwhile: Callable[[], object] = int) -> None:
+    def until_said(self, *parts: str) -> None:
         """Have Qt run until the bottom line has these words."""
-        self.until(lambda: all(each in self.text('said') for each in parts), meanwhile)
+        self.until(lambda: all(each in self.text('said') for each in parts))
 
     def status(self, kart: str) -> str:
         """Return the status of a kart; empty: it is not there."""
@@ -268,22 +211,6 @@ def application() -> Any:
     """Return Qt's application, without a screen."""
     words = ['timekeeper_window', '-platform', 'offscreen']
     return QtWidgets.QApplication.instance() or QtWidgets.QApplication(words)
-
-
-@pytest.fixture
-def event(parts: contextlib.ExitStack, domain: int) -> Event:
-    """Return an event before its first race."""
-    return parts.enter_context(Event(domain))
-
-
-@pytest.fixture
-def seen(application: Any, event: Event, parts: contextlib.ExitStack, domain: int) -> Window:
-    """Return the window with its client; it need not see a timekeeper yet."""
-    event.spin()
-    context = parts.enter_context(joined(domain))
-    client = window.Client(context=context, use_global_arguments=False)
-    parts.callback(client.close)
-    return parts.enter_context(contextlib.closing(Window(application, client.give, client.take)))
 
 
 @pytest.fixture
@@ -320,61 +247,49 @@ def test_it_shows_the_race_what_is_asked_badges_with_numbers_and_frames_of_corre
 
 
 def test_a_correction_that_is_not_sent_or_not_answered_is_told_and_a_late_answer_too(
-    seen: Window,
-    event: Event,
-    parts: contextlib.ExitStack,
-    monkeypatch: pytest.MonkeyPatch,
+    racing: Window, paper: Paper, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(window_widgets, 'NO_ANSWER', 0.5)
-    seen.until(lambda: seen.rows(0), event.publish)
-    seen.count('7')
-    seen.until_said('LAP refused: the timekeeper was not found. Nothing was sent')
-    answering = event.refuse_laps()
-    parts.callback(answering.set)
-
-    def again() -> None:
-        event.publish()
-        if 'not found' in seen.text('said'):
-            seen.count('7')
-
-    seen.until_said('LAP refused: it was refused', meanwhile=again)
-    answering.clear()
-    seen.count('7')
-    seen.until_said('LAP: no answer for', 'Check the results before', meanwhile=event.publish)
-    seen.until(lambda: 'The timekeeper has been silent for 4 s' in seen.text('warning'))
-    assert not seen.find('PENALISE').isEnabled()
-    seen.count('7')
-    seen.until_said('LAP was not sent: the timekeeper has been silent for')
-    answering.set()
-    seen.until_said('LAP refused: it was refused')
-    seen.until(lambda: seen.find('PENALISE').isEnabled(), event.publish)
-    assert seen.text('warning') == ''
+    paper.answers = []
+    racing.count('7')
+    racing.until_said('LAP: no answer for', 'Check the results before')
+    paper.is_silent = True
+    racing.until(lambda: 'The timekeeper has been silent for 4 s' in racing.text('warning'))
+    assert not racing.find('PENALISE').isEnabled()
+    racing.count('7')
+    racing.until_said('LAP was not sent: the timekeeper has been silent for')
+    (answer,) = paper.answers
+    answer()
+    assert racing.text('said') == 'LAP: kart 7 crossed the line: counted'
+    paper.is_silent = False
+    racing.until(lambda: racing.find('PENALISE').isEnabled())
+    assert racing.text('warning') == ''
 
 
 def test_what_is_not_heard_is_told_of_the_timekeeper_race_control_and_a_timing_line(
-    seen: Window, event: Event
+    application: Any,
 ) -> None:
-    assert seen.text('title') == 'No race yet'
-    assert seen.text('about') == 'no contact with race control'
-    seen.until(
-        lambda: 'line: p3 at 10.1.0.20:5403' in seen.text('about'),
-        lambda: event.line_says(DiagnosticStatus.OK, 'The device is connected'),
-    )
-    assert 'Timing line' not in seen.text('warning')
-    event.line_says(DiagnosticStatus.ERROR, 'The device has been silent for 10 s')
-    broken = 'Timing line line (p3 at 10.1.0.20:5403): The device has been silent for 10 s'
-    seen.until(lambda: broken in seen.text('warning'))
-    assert not seen.find('banner').isVisible()
-    event.state(banner='REHEARSAL')
-    seen.until(lambda: 'GREEN GREEN' in seen.text('about'))
-    assert seen.find('banner').isVisible()
-    assert seen.text('banner') == 'REHEARSAL'
-    assert seen.find('banner').y() < seen.find('title').parent().y()
-    assert seen.widget.windowTitle() == 'REHEARSAL: EVGP timekeeper'
-    seen.until(lambda: '5403): silent for 4 s' in seen.text('warning'))
-    assert 'The timekeeper has been silent' in seen.text('warning')
-    seen.count('7')
-    seen.until_said('was not sent')
+    with contextlib.closing(Window(application)) as shown:
+        assert shown.text('title') == 'No race yet'
+        assert shown.text('about') == 'no contact with race control'
+        line, silent = ('north', 'p3 at 10.1.0.20:5403'), 'The device has been silent for 10 s'
+        shown.window.on_line(*line, '')
+        shown.until(lambda: 'north: p3 at 10.1.0.20:5403' in shown.text('about'))
+        assert 'Timing line' not in shown.text('warning')
+        shown.window.on_line(*line, silent)
+        told = f'Timing line north (p3 at 10.1.0.20:5403): {silent}'
+        shown.until(lambda: told in shown.text('warning'))
+        assert not shown.find('banner').isVisible()
+        shown.window.on_race('GREEN GREEN', 252.0, TEAMS, 'REHEARSAL')
+        shown.until(lambda: 'GREEN GREEN 4:1' in shown.text('about'))
+        assert shown.find('banner').isVisible()
+        assert shown.text('banner') == 'REHEARSAL'
+        assert shown.find('banner').y() < shown.find('title').parent().y()
+        assert shown.widget.windowTitle() == 'REHEARSAL: EVGP timekeeper'
+        shown.until(lambda: '5403): silent for 4 s' in shown.text('warning'))
+        assert 'The timekeeper has been silent' in shown.text('warning')
+        shown.count('7')
+        shown.until_said('was not sent')
 
 
 # ----- corrections ----------------------------------------------------------------------------
@@ -405,6 +320,7 @@ def test_a_lap_is_counted_by_its_kart_and_enter_and_struck_with_a_reason_and_res
     racing.correct('Restore', '7')
     racing.until(lambda: racing.crossing('7') == 'by hand, starts lap 1 [Strike]')
     racing.until_said('RESTORE PASSING: passing official 1 is restored')
+    assert racing.widget.focusWidget() is racing.find('lap')
 
     racing.count('9')
     racing.until_said('There is no kart 9')
@@ -450,9 +366,7 @@ def test_a_penalty_needs_a_kart_a_cost_and_a_reason_and_a_row_that_was_clicked_i
         racing.until(lambda: racing.status('7') == 'lap 1')
     assert racing.find('said').property('bad')
 
-    table, row = racing.table(0), [each[1] for each in racing.rows(0)].index('7')
-    name = table.visualItemRect(table.item(row, 2))
-    QtTest.QTest.mouseClick(table.viewport(), LEFT, pos=name.center())
+    racing.choose('7')
     racing.press('Penalty…')
     racing.confirm('Penalise', 'disqualified', disqualified=True, reason='not fit to race')
     racing.until(lambda: racing.status('7') == 'disqualified: not fit to race')
@@ -470,71 +384,66 @@ def test_results_are_published_once_the_race_is_over(racing: Window, paper: Pape
     racing.until(lambda: 'results published' in racing.text('about'))
 
 
-# ----- without DDS ----------------------------------------------------------------------------
+def test_a_click_is_of_the_crossing_that_was_pressed_or_of_none(
+    racing: Window, paper: Paper
+) -> None:
+    def mark() -> Mark:
+        return paper.desk.standings().passings[0].mark
 
-
-def test_a_click_is_of_the_crossing_that_was_pressed_or_of_none(application: Any) -> None:
-    sent: list[Any] = []
-
-    def judged(number: int, mark: Mark) -> Judged:
-        return Judged(Passing('line', 'today', number, 7), 7, mark, 9.0 * number, 'twice')
-
-    def tell(*passings: Judged) -> None:
-        shown.window.on_results(RESULTS._replace(passings=passings))
-
-    struck, counted = judged(1, Mark.STRUCK), judged(2, Mark.COUNTED)
-    with contextlib.closing(Window(application, lambda *given: sent.append(given))) as shown:
-        tell(struck, counted)
-        shown.until(shown.table(1).isEnabled)  # once it has seen that the results are fresh
-        shown.settle()
-        button = shown.table(1).cellWidget(1, 3)
-        pressed = button.mapToGlobal(button.rect().center())
-        QtTest.QTest.mousePress(button, LEFT)
-        tell(struck, counted, judged(3, Mark.COUNTED))
-        shown.settle()
-        QtTest.QTest.mouseRelease(button, LEFT, pos=button.mapFromGlobal(pressed))
-        assert not sent
-        shown.correct('Restore', '7')
-        assert [fields['number'] for _, _, fields, _ in sent] == [1]
-        # Another race: the rows are others.
-        QtTest.QTest.mousePress(shown.table(1).cellWidget(2, 3), LEFT)
-        tell(judged(9, Mark.STRUCK))
-        assert len(shown.rows(1)) == 1
-        shown.settle()
-        assert len(sent) == 1
-        shown.correct('Restore', '7')
-        assert [fields['number'] for _, _, fields, _ in sent] == [1, 9]
+    racing.count('7')
+    paper.cross(9)
+    seen = paper.desk.standings().passings[0].passing
+    assert paper.correct(Act.STRIKE, passing=seen.identity, reason='twice')
+    racing.until(lambda: '[Restore]' in racing.crossing('7'))
+    button = racing.table(1).cellWidget(1, 3)
+    pressed = button.mapToGlobal(button.rect().center())
+    QtTest.QTest.mousePress(button, LEFT)
+    paper.cross(9)
+    racing.until(lambda: len(racing.rows(1)) == 3)
+    racing.settle()
+    QtTest.QTest.mouseRelease(button, LEFT, pos=button.mapFromGlobal(pressed))
+    assert mark() is Mark.STRUCK
+    racing.correct('Restore', '7')
+    assert mark() is Mark.COUNTED
+    # In another race, the rows are others.
+    QtTest.QTest.mousePress(racing.table(1).cellWidget(0, 3), LEFT)
+    paper.start(HEAT, *TEAMS)
+    paper.cross(9)
+    racing.until(lambda: len(racing.rows(1)) == 1)
+    QtTest.QTest.mouseRelease(racing.table(1).cellWidget(0, 3), LEFT)
+    assert not racing.widget.findChildren(QtWidgets.QDialog)
 
 
 def test_a_row_that_was_clicked_stays_that_of_its_kart_when_the_order_changes(
-    application: Any,
+    racing: Window, paper: Paper
 ) -> None:
-    three, seven = (KartResult(number, 0, Status.RUNNING, 1, 9.0, (9.0,), ()) for number in (3, 7))
-    with contextlib.closing(Window(application)) as shown:
-        tell = lambda *karts: shown.window.on_results(RESULTS._replace(karts=karts))  # noqa: E731
-        tell(three, seven)
-        table = shown.table(0)
-        table.setCurrentCell(1, 0)
-        tell(seven, three)
-        shown.window._ask(Act.PENALISE)
-        assert shown.find('kart').currentData() == 7
-        assert {each.row() for each in table.selectedItems()} == {0}
-        # In a race without kart 7, no kart is chosen.
-        tell(three)
-        assert table.currentRow() == -1
+    racing.choose('7')
+    for _ in range(2):
+        assert paper.correct(Act.COUNT, 7)
+        paper.now += 10.0
+    racing.until(lambda: racing.rows(0)[0][1] == '7')
+    racing.press('Penalty…')
+    assert racing.find('kart').currentData() == 7
+    assert {each.row() for each in racing.table(0).selectedItems()} == {0}
+    # In a race without kart 7, no kart is chosen.
+    paper.start('', 3)
+    racing.until(lambda: len(racing.rows(0)) == 1)
+    assert racing.table(0).currentRow() == -1
 
 
 # ----- the process ----------------------------------------------------------------------------
 
 
 def test_the_process_takes_a_name_that_ros_takes_for_a_number_and_ends_in_order(
-    event: Event, domain: int
+    domain: int,
 ) -> None:
-    event.spin()
     words = '-m', 'evgp_timing.window', '--ros-args', '-p', 'official:=7'
     environment = {'QT_QPA_PLATFORM': 'offscreen'}
-    with Program('window', [sys.executable, *words], domain, environment) as program:
-        event.wait_until_polled(lambda: event.node.count_subscribers('/rcs/race'), 'the window')
+    with (
+        RosSide('beside', domain) as beside,
+        Program('window', [sys.executable, *words], domain, environment) as program,
+    ):
+        beside.wait_until_polled(lambda: beside.node.count_subscribers('/rcs/race'), 'the window')
         program.signal(signal.SIGTERM)
         assert program.wait() == 0
 

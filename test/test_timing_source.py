@@ -10,6 +10,7 @@ import contextlib
 import os
 import socket
 import tty
+from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from evgp_node.results import Passing
@@ -19,6 +20,7 @@ from evgp_testing.process import Process
 from evgp_testing.ros_side import RosSide
 from evgp_timing import node
 from evgp_timing.timekeeper import passing_of
+from evgp_timing.window import Client
 import pytest
 from rclpy.parameter import Parameter
 from recorded_bytes import P3_LIVE, p3_passing, RECORDED
@@ -150,15 +152,25 @@ def test_what_a_device_sends_is_heard_as_it_came_without_gates_also_by_who_comes
 
 
 def test_a_decoder_that_is_gone_is_told_and_read_again_once_it_is_back(
-    start: Start, listener: Listener, server: socket.socket
+    start: Start, listener: Listener, server: socket.socket, parts: contextlib.ExitStack
 ) -> None:
-    start(kind='p3', device=at(server))
+    client = Client(context=listener.context, use_global_arguments=False)
+    parts.callback(client.close)
+    lines: list[tuple[str, ...]] = []
+    window = SimpleNamespace(on_line=lambda *line: lines.append(line))
+
+    def is_shown(trouble: str) -> bool:
+        client.take(window)
+        return lines[-1:] == [('line', f'p3 at {where}', trouble)]
+
+    start(kind='p3', device=(where := at(server)))
     with server.accept()[0] as decoder:
         cut = p3_passing(42, 1001, 1_500_000)
         for number in (40, 41):
             decoder.sendall(p3_passing(number, 1001, 1_000_000))
         decoder.sendall(cut[: len(cut) // 2])
         listener.wait_for_passings(2)
+        listener.wait_until_polled(lambda: is_shown(''), 'the line in the window')
     with server.accept()[0] as decoder:
         decoder.sendall(p3_passing(43, 1001, 2_000_000) * 2)
         *_, first, second = listener.wait_for_passings(3)
@@ -170,7 +182,8 @@ def test_a_decoder_that_is_gone_is_told_and_read_again_once_it_is_back(
         address = server.getsockname()
         server.close()
     status = listener.wait_for_status(DiagnosticStatus.ERROR, passings='3')
-    assert status.hardware_id == '{}:{}'.format(*address)
+    assert status.hardware_id == where
+    listener.wait_until_polled(lambda: is_shown(status.message), 'its trouble in the window')
     with socket.create_server(address) as again:
         again.settimeout(30)
         with again.accept()[0] as decoder:
