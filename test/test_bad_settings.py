@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-import contextlib
 import pathlib
 from typing import Any
 
@@ -23,52 +21,48 @@ from evgp_timing import node as timing_source
 from evgp_timing import timekeeper
 import pytest
 
-Refusal = Callable[..., str]
-
-ROSTER = 'karts: [{number: 1, team: One, address: 127.0.1.1, in_race: true}]'
-
-
-@pytest.fixture
-def refusal(parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path) -> Refusal:
-    """Return a function that starts race control and returns what it said when it refused."""
-
-    def start(*arguments: str, roster_text: str = ROSTER) -> str:
-        roster = tmp_path / 'karts.yaml'
-        roster.write_text(roster_text, encoding='utf-8')
-        given = race_control.settings(tmp_path, roster)
-        control = parts.enter_context(Process('evgp_rcs', 'rcs_node', domain, given, arguments))
-        assert control.wait() == WRONG_SETTING, control.output
-        assert 'Traceback' not in control.output
-        return control.output
-
-    return start
-
-
-TWO_FAULTS = 'karts:\n  - {number: 0, team: One, address: 1, in_race: true}\nheats: 3\n'
-
-
-def test_a_wrong_roster_is_refused_with_each_of_its_faults(refusal: Refusal) -> None:
-    refused = refusal(roster_text=TWO_FAULTS)
-    assert 'karts.yaml:2:' in refused
-    assert 'karts.yaml:3:' in refused
+FILES = {
+    'karts.yaml': 'karts: [{number: 1, team: One, address: 127.0.1.1, in_race: true}]',
+    'faulty.yaml': 'karts:\n  - {number: 0, team: One, address: 1, in_race: true}\nheats: 3\n',
+    'broken.yaml': '/**:\n  ros__parameters:\n    port: [1\n',
+    'other.yaml': 'rcs_node:\n  ros__parameters: {pause: 2.0}\n',
+}
+RCS = 'evgp_rcs/rcs_node'
 
 
 @pytest.mark.parametrize(
-    ('package', 'program', 'given', 'said'),
+    ('program', 'given', 'arguments', 'said'),
     [
-        ('evgp_kart_bridge', 'kart_bridge_node', {}, 'parameter host is missing'),
-        ('evgp_timing', 'timekeeper', {'roster': '/nowhere/a.yaml'}, '/nowhere/a.yaml: cannot be'),
-        ('evgp_timing', 'timing_source', {'kind': 'p3'}, 'parameter device'),
-        ('evgp_rcs_console', 'rcs_button', {'device': 'event3'}, 'parameter device'),
+        ('evgp_kart_bridge/kart_bridge_node', {}, (), ['parameter host is missing']),
+        ('evgp_timing/timing_source', {'kind': 'p3'}, (), ['parameter device']),
+        ('evgp_rcs_console/rcs_button', {'device': 'event3'}, (), ['parameter device']),
+        ('evgp_timing/timekeeper', {'roster': '/nowhere/a.yaml'}, (), ['/nowhere/a.yaml: cannot']),
+        (RCS, {'roster': 'faulty.yaml'}, (), ['faulty.yaml:2:', 'address', 'faulty.yaml:3:']),
+        (RCS, {}, ('--unheard-of',), ['unknown ROS arguments']),
+        (RCS, {}, ('-p', 'officials:=[Anna, 3]'), ['rcl', 'Sequence should be of same type']),
+        (RCS, {}, ('--params-file', 'broken.yaml'), ["broken.yaml:4: expected ',' or ']', but"]),
+        (RCS, {}, ('--params-file', 'other.yaml'), ['rcs: other.yaml:1: ']),
+        (RCS, {}, ('--params-file', 'absent.yaml'), ['rcs: absent.yaml: cannot be read (']),
     ],
 )
-def test_a_wrong_setting_ends_a_program_with_one_sentence(
-    package: str, program: str, given: dict[str, object], said: str, domain: int
+def test_a_wrong_setting_ends_a_program_with_a_sentence_for_each_fault(
+    program: str,
+    given: dict[str, object],
+    arguments: tuple[str, ...],
+    said: list[str],
+    domain: int,
+    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    with Process(package, program, domain, given) as started:
+    monkeypatch.chdir(tmp_path)
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text, encoding='utf-8')
+    if program == RCS:
+        given = {**race_control.settings(tmp_path, tmp_path / 'karts.yaml'), **given}
+    with Process(*program.split('/'), domain, given, arguments) as started:
         assert started.wait() == WRONG_SETTING, started.output
-        assert said in started.output
-        assert len(started.lines) == 1, started.output
+    assert all(part in line for part, line in zip(said, started.lines, strict=True))
+    assert '.c:' not in started.output  # where in ROS's own code
 
 
 HOST, KIND, DEVICE = 'host:=10.0.0.1', 'kind:=p3', 'device:=/dev/x'
@@ -119,31 +113,6 @@ def test_a_wrong_value_is_named_with_what_is_possible(
     arguments = ['--ros-args', *(word for each in given for word in ('-p', each))]
     with joined(domain) as context, pytest.raises(ParameterError, match=said):
         module.read_settings(StrictNode('it', context=context, cli_args=arguments))
-
-
-def test_an_argument_that_ros_does_not_know_or_cannot_read_is_refused(refusal: Refusal) -> None:
-    assert 'unknown ROS arguments' in refusal('--unheard-of')
-    refused = refusal('-p', 'officials:=[Anna, 3]')
-    assert 'Sequence should be of same type' in refused
-    assert '.c:' not in refused  # where in ROS's own code
-
-
-@pytest.mark.parametrize(
-    ('text', 'said'),
-    [
-        ('/**:\n  ros__parameters:\n    port: [1\n', ":4: expected ',' or ']', but got "),
-        ('rcs_node:\n  ros__parameters: {pause: 2.0}\n', ':1: '),
-        (None, ': cannot be read ('),
-    ],
-)
-def test_a_parameter_file_that_ros_cannot_read_or_would_ignore_is_refused_in_one_sentence(
-    text: str | None, said: str, refusal: Refusal, tmp_path: pathlib.Path
-) -> None:
-    path = tmp_path / 'parameters.yaml'
-    if text is not None:
-        path.write_text(text)
-    (line,) = refusal('--params-file', str(path)).splitlines()
-    assert line.startswith(f'rcs: {path}{said}')
 
 
 @pytest.mark.parametrize(
