@@ -20,9 +20,6 @@ from evgp_node.roster import (
     RosterError,
 )
 from evgp_rcs.rcs_roster import main as rcs_roster
-from fuzz_targets import check_roster
-from hypothesis import given
-from hypothesis import strategies as st
 import pytest
 
 SHIPPED = pathlib.Path(__file__).parents[1] / 'src' / 'evgp_rcs' / 'config' / 'karts.yaml'
@@ -115,6 +112,7 @@ WRONG: list[tuple[str, str, str | list[str]]] = [
         [
             *(f'number: {each}' for each in ('0', '10000', '-1', '010', '1_0', '0x1', '1.0')),
             *(f'number: {each}' for each in ('1:30', "'2'", 'true', 'two', '', '~')),
+            *(f'number: {each}' for each in ('2\u200b', 'x' * 200)),
         ],
     ),
     ('number: 2', '6: tags (!) ', ['number: !!int 2', 'number: ! 2', 'number: !!python/x:y 2']),
@@ -172,7 +170,8 @@ WRONG: list[tuple[str, str, str | list[str]]] = [
 def test_what_is_wrong_is_refused_with_its_line(old: str, fault: str, new: str) -> None:
     told = fault_of_two_karts_with(old, new)
     assert told.startswith(f'karts.yaml:{fault}')
-    assert '\n' not in told
+    assert told.isprintable()  # in one line
+    assert len(told) < 200
 
 
 @pytest.mark.parametrize(
@@ -380,28 +379,6 @@ def test_a_file_of_any_editor_is_read(tmp_path: pathlib.Path, end: str, mark: st
     path = tmp_path / 'karts.yaml'
     path.write_bytes((mark + TWO_KARTS).replace('\n', end).encode())
     assert load_roster(path) == parse_roster(TWO_KARTS, 'karts.yaml')
-
-
-TEXTS_YAML_GIVES_A_MEANING_TO = st.text(
-    alphabet='kartsnumbe: -[]{}&*!|>%@`"\'\\\n\t#~?,<=.0123456789xUu'
-)
-
-ROSTERS_WITH_A_STRETCH_REPLACED = st.builds(
-    lambda at, new, end: TWO_KARTS[:at] + new + TWO_KARTS[end:],
-    st.integers(0, len(TWO_KARTS)),
-    st.one_of(
-        st.text(max_size=5),
-        st.sampled_from(
-            ['\n', '    team: ', '  - number: ', 'karts:', '&a', '*a', '!!int ', '"\\u', '? ']
-        ),
-    ),
-    st.integers(0, len(TWO_KARTS)),
-)
-
-
-@given(st.one_of(st.text(), TEXTS_YAML_GIVES_A_MEANING_TO, ROSTERS_WITH_A_STRETCH_REPLACED))
-def test_any_text_is_a_right_roster_or_refused_in_lines_that_name_the_file(text: str) -> None:
-    check_roster(text.encode())
 
 
 # ----- every fault at once -----------------------------------------------------------------

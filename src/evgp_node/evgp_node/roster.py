@@ -536,7 +536,7 @@ def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
     mark = error.problem_mark or error.context_mark
     if mark is None:
         return _not_yaml(0, error.problem or error.context)
-    lines = text.splitlines() or ['']
+    lines = text.splitlines()
     # PyYAML reports a fault of the last line at the end of the text.
     at = min(mark.line, len(lines) - 1)
     shown = lines[at]
