@@ -238,10 +238,8 @@ def main() -> None:
     )
     output('chmod', '-R', 'a-s,u=rwX,go=rX', ROOT)  # independent of the umask during the set-up
     package = prepare.BUILD / f'{NAME}_{version}_amd64.deb'
-    packed = MADE / package.name
-    words = ['dpkg-deb', '--build', '--root-owner-group', f'-Z{compression}', ROOT, packed]
+    words = ['dpkg-deb', '--build', '--root-owner-group', f'-Z{compression}', ROOT, package]
     prepare.run_quietly('Packing', words)
-    packed.rename(package)  # so that a full disk leaves no half of it there
     shutil.rmtree(MADE)
     print(f'{package}: {package.stat().st_size / 1e6:.0f} MB')
 

@@ -69,34 +69,6 @@ def test_the_package_is_neither_removed_nor_replaced_while_a_program_of_it_runs(
     assert upgrade() == 0
 
 
-@pytest.mark.skipif(not shutil.which('dpkg-deb'), reason='there is no dpkg-deb')
-@pytest.mark.skipif('ROS_DISTRO' in os.environ, reason='the package carries the wheels of ROS')
-def test_a_package_that_cannot_be_packed_leaves_the_last_one_whole(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path
-) -> None:
-    monkeypatch.setattr(deb.prepare, 'BUILD', tmp_path)
-    monkeypatch.setattr(deb, 'MADE', tmp_path / 'deb')
-    monkeypatch.setattr(deb, 'ROOT', tmp_path / 'deb/root')
-    for name in ('need_python_of', 'need_libraries', 'copy_environment', 'copy_workspace'):
-        monkeypatch.setattr(deb, name, lambda *_: None)
-    for name in ('output', 'write_surface'):
-        monkeypatch.setattr(deb, name, lambda *_: None)
-    monkeypatch.setattr(sys, 'argv', ['deb.py', '1.0', 'none'])
-    package = tmp_path / 'evgp-race-control_1.0_amd64.deb'
-    deb.main()
-    whole = package.read_bytes()
-
-    tools = tmp_path / 'tools'
-    tools.mkdir()
-    (tools / 'dpkg-deb').write_text('#!/bin/sh\n/usr/bin/dpkg-deb "$@"\nexit 1\n')
-    (tools / 'dpkg-deb').chmod(0o755)
-    monkeypatch.setenv('PATH', f'{tools}:{os.environ["PATH"]}')
-    monkeypatch.setattr(sys, 'argv', ['deb.py', '1.0', 'gzip'])
-    with pytest.raises(SystemExit):
-        deb.main()
-    assert package.read_bytes() == whole
-
-
 @pytest.mark.long
 @pytest.mark.longest
 @pytest.mark.timeout(600)  # it copies, compiles and packs 300 MB
