@@ -42,11 +42,11 @@ from rich.table import Table
 from rich.text import Text
 
 PLAN = Plan(
-    Track(((0.0, 0.0), (9.0, 0.0), (9.0, 4.0), (0.0, 4.0))),
+    Track(((0.0, 0.0), (16.0, 0.0), (16.0, 9.0), (0.0, 9.0))),
     Ability(acceleration=4.0, flag_braking=3.0),
-    laps=3,
+    laps=2,
 )
-"""A plan with three short laps."""
+"""A plan with two short laps."""
 
 BRIDGED = (5, 6)
 """The karts with the real bridge and the example stack. The others are simulated."""
@@ -96,6 +96,7 @@ class Show:
             team.timeout = TIMEOUT
             team.wait_for_speed(lambda speed: True)
         self.rehearsal.gather()
+        self.official.command('set_in_race', kart=OUTSIDE, in_race=False)
         self._wait_for(RaceState.IN_GARAGE, PLAN.numbers)
 
     def race(self) -> None:
@@ -111,32 +112,24 @@ class Show:
         self.found.append(Finding(True, f'race control answered: {refused.message}'))
         rehearsal.mend()
         self._green()
-        # The field knows where the simulated karts are. The karts with a bridge follow after them.
-        for place in range(len(STARTERS) - len(BRIDGED)):
-            with rehearsal.lock:
-                crossed = rehearsal.lock.wait_for(
-                    lambda place=place: rehearsal.field.truth.crossed[place:], TIMEOUT
-                )
-            assert crossed, 'no kart crossed the line'
-            official.command('kart/finish', kart=crossed[0][1])
-        self._laps()
-        for kart in BRIDGED:
+        for kart in (*self._laps(), *BRIDGED):
             official.command('kart/finish', kart=kart)
-            time.sleep(0.4)
         official.wait_for_race(lambda race: race.over, 'the race ends automatically')
         self.found.append(Finding(True, 'the race ended automatically'))
         self._to_garage(STARTERS)
 
-    def _laps(self) -> None:
-        """Wait until the laps of the simulated karts are counted."""
+    def _laps(self) -> list[int]:
+        """Wait until the laps of the simulated karts are counted; return these karts, in order."""
         timed = [kart for kart in STARTERS if kart not in BRIDGED]
         results = self.official.wait_for_results(
             lambda seen: {*timed} <= {kart.kart for kart in seen.karts if kart.laps == PLAN.laps},
             f'{PLAN.laps} laps of karts {timed} are counted',
         )
-        best = min(min(each.lap_times) for each in results.karts if each.kart in timed)
+        placed = [each for each in results.karts if each.kart in timed]
+        best = min(min(each.lap_times) for each in placed)
         text = f'{PLAN.laps} laps of karts {timed} were counted, the best in {best:.3f} s'
         self.found.append(Finding(True, text))
+        return [each.kart for each in placed]
 
     def kill(self) -> None:
         """Drive a race in which a kart spins, and the official presses ALL_KILL."""
@@ -248,11 +241,8 @@ def _show(console: Console) -> list[Finding]:
     wire = Witness()
     with contextlib.ExitStack() as stack:
         folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        parameters, timing = {'finish_delays': [2.0, 1.7, 1.4, 1.1, 0.8]}, {'min_lap_time': 1.0}
         with contextlib.ExitStack() as running:
-            rehearsal = running.enter_context(
-                Rehearsal(PLAN, folder, len(BRIDGED), False, wire, parameters, STARTERS, timing)
-            )
+            rehearsal = running.enter_context(Rehearsal(PLAN, folder, len(BRIDGED), witness=wire))
             show = Show(console, rehearsal)
             for kart in BRIDGED:
                 team = Team(rehearsal.domains[kart], f'team_{kart}')

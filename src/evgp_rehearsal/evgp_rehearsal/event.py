@@ -54,6 +54,9 @@ import yaml
 BANNER = 'REHEARSAL'
 """Banner that every screen shows in a rehearsal."""
 
+SETTINGS = {'banner': BANNER, **ALERTS}
+"""Parameters of the rehearsal's race control."""
+
 HEAT = 'rehearsal'
 """Name of the roster's heat, which has the plan's laps."""
 
@@ -108,9 +111,6 @@ class Rehearsal(Part):
         example stack. They are in the race, but no incident happens to them.
     :param window: whether to open the officials' window.
     :param witness: learns of what the simulated karts are sent and answer, and every command.
-    :param parameters: further parameters of race control.
-    :param heat: the karts in the heat; None for all.
-    :param timing: further parameters of the timekeeper.
     :ivar links: the connections of the simulated karts.
     :ivar domains: the ROS domains of the karts with a bridge, and race control's at number 0.
     :ivar present: the current incident, or None.
@@ -125,9 +125,6 @@ class Rehearsal(Part):
         bridged: int = 0,
         window: bool = False,
         witness: Witness | None = None,
-        parameters: Mapping[str, object] | None = None,
-        heat: Sequence[int] | None = None,
-        timing: Mapping[str, object] | None = None,
     ) -> None:
         """Start race control and the timekeeper and let the karts connect."""
         # The nodes in this process must not see or command another race either.
@@ -150,8 +147,6 @@ class Rehearsal(Part):
         self.dead = threading.Event()
         self.links: dict[int, DrivenKart | WireKart] = {}
         self._witness = witness
-        self._parameters = parameters or {}
-        self._heat = list(plan.numbers if heat is None else heat)
         with contextlib.ExitStack() as stack:
             # A process ends with the thread that started it (evgp_testing.process), so this thread
             # lives as long as the rehearsal.
@@ -161,7 +156,7 @@ class Rehearsal(Part):
             self.domain = self.domains[0]
             self.control = self._race_control({})
             stack.callback(lambda: self.control.close())
-            self._timekeeper = stack.enter_context(Timekeeper(folder, self.domain, timing))
+            self._timekeeper = stack.enter_context(Timekeeper(folder, self.domain))
             hears = 'race', 'events', 'results'
             self.official = stack.enter_context(Official(self.domain, 'rehearsal', witness, hears))
             self._session = secrets.token_hex(4)  # of the timing line
@@ -399,7 +394,7 @@ class Rehearsal(Part):
             parameters = self.folder / 'rcs.yaml'
             # Otherwise, the copy would affect the marks of a real race control on this machine.
             where = {'address': '127.0.0.1', 'port': self.control.port}
-            settings = {'/**': {'ros__parameters': {**self._settings(), **where}}}
+            settings = {'/**': {'ros__parameters': {**SETTINGS, **where}}}
             parameters.write_text(yaml.safe_dump(settings), encoding='utf-8')
             packed = fetch(copy, 'karts.yaml', parameters.name, str(record))
             keep(packed, copy, self.folder / 'evgp_rcs' / 'spare')
@@ -441,13 +436,10 @@ class Rehearsal(Part):
             self.folder,
             self.domain,
             self.plan.numbers,
-            parameters={**where, **self._settings()},
+            parameters={**where, **SETTINGS},
             teams=self._teams(),
-            heats={HEAT: {'karts': self._heat, 'laps': self.plan.laps}},
+            heats={HEAT: {'karts': list(self.plan.numbers), 'laps': self.plan.laps}},
         )
-
-    def _settings(self) -> dict[str, object]:
-        return {'banner': BANNER, **ALERTS, **self._parameters}
 
     def _teams(self) -> dict[int, str]:
         return {number: f'{BANNER} {number}' for number in self.plan.numbers}
