@@ -1,7 +1,11 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""`inspect_kart` as inspectors run it: a program, a terminal, real karts with and without ROS."""
+"""
+`inspect_kart` as inspectors run it: a program, a terminal, real karts with and without ROS.
+
+What `survey_network` has in common with it is here, too.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +38,8 @@ from rig.terminal import Terminal
 from test_wire_document import client_at
 
 ROOT = pathlib.Path(__file__).parents[1]
-INSPECT = [sys.executable, str(ROOT / 'src/evgp_inspection'), 'kart']
+PROGRAMS = [sys.executable, str(ROOT / 'src/evgp_inspection')]
+INSPECT = [*PROGRAMS, 'kart']
 
 SHORT = ['--listen', '127.0.0.1', '--port', '0', '--watch', '0.7', '--drive', '0.5']
 SHORT += ['--warning', '0', '--fast', '0.5', '--hold', '1.0', '--long', '3']
@@ -190,32 +195,6 @@ def start_client(port: int, udp: int, folder: pathlib.Path | None = None) -> Pro
     return Program('client', [sys.executable, '-c', client_of_the_document(port, udp)])
 
 
-def inspect_it(
-    start: Callable[[int, int, pathlib.Path], Program], folder: pathlib.Path, *words: str
-) -> tuple[dict[str, Any], int]:
-    """Inspect a kart without ROS, and return the report and the exit code."""
-
-    def inspect(again: pathlib.Path, parts: contextlib.ExitStack) -> int:
-        udp = free_udp_port()
-        words_and_odometry = [*words, '--odometry', f'udp:{udp}', *UNATTENDED]
-        program = parts.enter_context(inspection(again, *words_and_odometry))
-        parts.callback(start(port_of(program), udp, folder).kill)
-        return wait_to_end(program)
-
-    report, code = undisturbed(folder, inspect)
-    assert those(report, 'fail') == {}
-    return report, code
-
-
-def test_a_race_only_is_passed_by_the_client_of_the_document_and_says_that_it_is_no_inspection(
-    tmp_path: pathlib.Path,
-) -> None:
-    report, code = inspect_it(start_client, tmp_path, '--race')
-    assert those(report, 'not judged') == {}
-    assert (report['verdict'], code) == ('pass', 0)
-    assert 'not an inspection' in ' '.join(report['remarks'])
-
-
 def start_c_kit(port: int, udp: int, folder: pathlib.Path) -> Program:
     """Compile and start kit/c's example for POSIX, with its speed sent as odometry."""
     compiler = next(filter(None, map(shutil.which, ('gcc', 'clang'))), None)
@@ -251,13 +230,26 @@ def start_c_kit(port: int, udp: int, folder: pathlib.Path) -> Program:
 
 @pytest.mark.early
 @pytest.mark.timeout(400)
-@pytest.mark.parametrize('start', [start_client, start_c_kit])
+@pytest.mark.parametrize(
+    ('start', 'race'), [(start_client, []), (start_c_kit, []), (start_client, ['--race'])]
+)
 def test_a_kart_without_ros_passes_every_clause_but_that_nobody_kills_it(
-    start: Callable[[int, int, pathlib.Path], Program], tmp_path: pathlib.Path
+    start: Callable[[int, int, pathlib.Path], Program], race: list[str], tmp_path: pathlib.Path
 ) -> None:
-    report, code = inspect_it(start, tmp_path)
-    assert set(those(report, 'not judged')) == KILLED
-    assert (report['verdict'], code) == ('not judged', 2)
+    """Also where only a race is staged, which says that it is no inspection."""
+
+    def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
+        udp = free_udp_port()
+        words = [*race, '--odometry', f'udp:{udp}', *UNATTENDED]
+        program = parts.enter_context(inspection(folder, *words))
+        parts.callback(start(port_of(program), udp, tmp_path).kill)
+        return wait_to_end(program)
+
+    report, code = undisturbed(tmp_path, inspect)
+    assert those(report, 'fail') == {}
+    assert set(those(report, 'not judged')) == (set() if race else KILLED)
+    assert (report['verdict'], code) == (('pass', 0) if race else ('not judged', 2))
+    assert ('not an inspection' in ' '.join(report['remarks'])) is bool(race)
 
 
 class Inspector(Terminal):
@@ -284,12 +276,17 @@ def at_terminal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Callable
     return start
 
 
-def test_nothing_listens_before_the_inspector_has_typed_the_word(
-    at_terminal: Callable[..., Inspector],
+@pytest.mark.parametrize('keys', ['no\n', '\x04'])
+@pytest.mark.parametrize(
+    ('program', 'asked'), [('kart', 'OFF THE GROUND'), ('survey', 'NO STOP IS IN FORCE')]
+)
+def test_nothing_listens_before_somebody_has_typed_the_word(
+    program: str, asked: str, keys: str, parts: contextlib.ExitStack, tmp_path: pathlib.Path
 ) -> None:
-    terminal = at_terminal()
-    terminal.wait_for('OFF THE GROUND')
-    terminal.press('yes\n')
+    terminal = Terminal([*PROGRAMS, program, '--port', '0', '--report', str(tmp_path)])
+    parts.callback(terminal.close)
+    terminal.wait_for(asked)
+    terminal.press(keys)
     assert terminal.end() == 2
     assert 'on port' not in terminal.shown
 
@@ -359,18 +356,24 @@ def test_an_inspection_whose_terminal_is_closed_leaves_its_report(
 @pytest.mark.parametrize(
     'words',
     [
-        ['--unattended'],
-        ['--only', 'K-9'],
-        ['--red-red', '-1'],
-        ['--odometry', '/odom', *UNATTENDED],
-        ['--odometry', 'udp:99999', *UNATTENDED],
-        ['--odometry', 'udp:odom', *UNATTENDED],
-        ['--port', '99999', *UNATTENDED],
+        ['kart', '--unattended'],
+        ['kart', '--only', 'K-9'],
+        ['kart', '--red-red', '-1'],
+        ['kart', '--odometry', '/odom', *UNATTENDED],
+        ['kart', '--odometry', 'udp:99999', *UNATTENDED],
+        ['kart', '--odometry', 'udp:odom', *UNATTENDED],
+        ['kart', '--port', '99999', *UNATTENDED],
+        ['survey'],  # nobody can type the word
+        ['survey', '--word', 'yes'],
+        ['survey', '--word', 'ready', '--listen', '192.0.2.1'],
+        ['survey', '--word', 'ready', '--port', '99999'],
     ],
 )
 def test_a_wrong_use_is_told_and_nothing_begins(words: list[str], tmp_path: pathlib.Path) -> None:
+    program, *rest = words
+    more = SHORT if program == 'kart' else ['--port', '0']
     done = subprocess.run(
-        [*INSPECT, *SHORT, '--connect', '0.1', '--report', str(tmp_path), *words],
+        [*PROGRAMS, program, *more, '--report', str(tmp_path), *rest],
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
@@ -378,16 +381,15 @@ def test_a_wrong_use_is_told_and_nothing_begins(words: list[str], tmp_path: path
     assert done.returncode == 2
     assert done.stderr
     assert 'invalid literal' not in done.stderr  # which tells nobody what to type
+    assert 'on port' not in done.stdout
     assert not list(tmp_path.iterdir())
 
 
-def test_make_ends_with_the_exit_code_of_the_inspection() -> None:
-    makes = [
-        subprocess.run(
-            ['make', '-C', str(ROOT), 'inspect-kart', f'ARGS={words}'],
-            capture_output=True,
-            check=False,
-        ).returncode
-        for words in ('--list', '--only K-9')
-    ]
-    assert makes == [Exit.PASSED, Exit.NOT_PASSED]
+@pytest.mark.parametrize(
+    ('target', 'right', 'wrong'),
+    [('inspect-kart', '--list', '--only K-9'), ('survey', '--version', '--silence -1')],
+)
+def test_make_ends_with_the_exit_code_of_the_program(target: str, right: str, wrong: str) -> None:
+    for words, code in ((right, Exit.PASSED), (wrong, Exit.NOT_PASSED)):
+        make = ['make', '-C', str(ROOT), target, f'ARGS={words}']
+        assert subprocess.run(make, capture_output=True, check=False).returncode == code

@@ -9,7 +9,6 @@ from collections.abc import Callable
 import contextlib
 import pathlib
 import signal
-import subprocess
 import sys
 from typing import Any
 
@@ -53,25 +52,6 @@ def test_somebody_at_a_terminal_marks_places_and_ends_the_survey(
     assert [each['name'] for each in report['marks']] == ['turn 3', 'mark 2']
     assert verdicts(report)['time on the network'] == 'not judged'
     assert report['verdict'] in terminal.shown.lower()
-
-
-def test_nothing_listens_before_somebody_has_said_that_no_stop_is_in_force(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path
-) -> None:
-    command = [*SURVEY, '--port', '0', '--report', str(tmp_path)]
-    for words in ([], ['--word', 'yes']):
-        # Nobody can type here: standard input is nothing.
-        survey = parts.enter_context(Program('survey_network', [*command, *words]))
-        assert survey.wait() == 2
-        assert 'on port' not in survey.output
-    for keys in ('no\n', '\x04'):
-        terminal = Terminal(command)
-        parts.callback(terminal.close)
-        terminal.wait_for('NO STOP IS IN FORCE')
-        terminal.press(keys)
-        assert terminal.end() == 2
-        assert 'on port' not in terminal.shown
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.fixture
@@ -126,16 +106,3 @@ def test_a_good_network_passes_on_the_whole_track(
     assert 'fail' not in found.values()
     assert found['lost connections'] == found['time on the network'] == 'pass'
     assert code == (0 if report['verdict'] == 'pass' else 2)
-
-
-def test_make_ends_with_the_exit_code_of_the_survey() -> None:
-    makes = [
-        subprocess.run(
-            ['make', '-C', str(ROOT), 'survey', f'ARGS={words}'], capture_output=True, check=False
-        ).returncode
-        for words in (
-            *('--version', '--silence -1', '--word ready --listen 192.0.2.1'),
-            '--word ready --port 99999',
-        )
-    ]
-    assert makes == [0, 2, 2, 2]
