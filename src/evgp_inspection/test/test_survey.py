@@ -11,6 +11,7 @@ import contextlib
 import datetime
 import itertools
 import json
+from typing import Any
 
 from evgp_inspection.limits import SurveyLimits
 from evgp_inspection.survey import LinkSurvey, Mark, Report
@@ -43,100 +44,79 @@ def report_on(kart: LinkSurvey | None, marks: Iterable[Mark] = (), held_up: floa
     return Report(BEGAN, 90.0, karts, list(marks), held_up, LIMITS)
 
 
-def failed(kart: LinkSurvey) -> list[str]:
-    return [each.name for each in kart.figures(LIMITS) if each.verdict is not Verdict.PASS]
+def not_passed(kart: LinkSurvey, held_up: float = 0.0) -> list[str]:
+    figures = kart.figures(LIMITS, held_up)
+    return [each.name for each in figures if each.verdict is not Verdict.PASS]
 
 
-def test_a_good_network_passes() -> None:
-    report = report_on(driven())
-    assert report.verdict is Verdict.PASS
-    assert report.text().endswith('PASS\n')
+TRIP, SILENCE, LOSSES = 'round trip, 99th percentile', 'longest silence', 'lost connections'
+TIME_ON = 'time on the network'
+
+Act = tuple[Any, ...]
+"""A method of `LinkSurvey` and its arguments."""
+
+LATE: Act = ('answered', [LIMITS.round_trip * 1.1] * 20, 90.1)
+SILENT: Act = ('second', 90.0 + LIMITS.silence * 1.1)
+RESENT: Act = ('retransmitted', int(LIMITS.retransmissions) + 1)
+LOST: Act = ('lost', 'reset', 90.1)
 
 
-def late(kart: LinkSurvey) -> None:
-    kart.answered([LIMITS.round_trip * 1.1] * 20, 90.1)
-
-
-def silent(kart: LinkSurvey) -> None:
-    kart.second(90.0 + LIMITS.silence * 1.1)
-
-
-def resent(kart: LinkSurvey) -> None:
-    kart.retransmitted(int(LIMITS.retransmissions) + 1)
-    kart.second(90.1)
-
-
-def lost(kart: LinkSurvey) -> None:
-    kart.lost('reset', 90.1)
+def then(kart: LinkSurvey, *acts: Act) -> LinkSurvey:
+    for method, *arguments in acts:
+        getattr(kart, method)(*arguments)
+    return kart
 
 
 @pytest.mark.parametrize(
-    ('fault', 'figure'),
+    ('kart', 'held_up', 'figures', 'verdict'),
     [
-        (late, 'round trip, 99th percentile'),
-        (silent, 'longest silence'),
-        (resent, 'retransmissions, worst minute'),
-        (lost, 'lost connections'),
+        (driven(), 0.0, [], 'pass'),
+        # A mere glance.
+        (driven(59), 0.0, [TIME_ON], 'not judged'),
+        (then(LinkSurvey(), ('opened', 0.0)), 0.0, [TRIP, TIME_ON], 'not judged'),
+        # Each limit fails a network alone.
+        (then(driven(), LATE), 0.0, [TRIP], 'fail'),
+        (then(driven(), SILENT), 0.0, [SILENCE], 'fail'),
+        (then(driven(), RESENT, ('second', 90.1)), 0.0, ['retransmissions, worst minute'], 'fail'),
+        (then(driven(), LOST), 0.0, [LOSSES], 'fail'),
+        # What this computer can have caused is not judged.
+        (driven(gap=[30]), 0.1, [SILENCE], 'fail'),
+        (driven(gap=[30]), 0.6, [SILENCE], 'not judged'),
+        (then(driven(gap=[30]), LATE), 0.6, [TRIP, SILENCE], 'not judged'),
+        (then(driven(gap=[30]), LATE, LOST), 0.6, [TRIP, SILENCE, LOSSES], 'fail'),
+        # The kart may have closed the connection, rightly.
+        (then(driven(), LOST), 1.2, [LOSSES], 'not judged'),
     ],
 )
-def test_each_limit_fails_a_network_alone(
-    fault: Callable[[LinkSurvey], None], figure: str
+def test_a_network_fails_by_what_is_wrong_with_it_and_passes_only_if_all_was_judged(
+    kart: LinkSurvey, held_up: float, figures: list[str], verdict: str
 ) -> None:
-    kart = driven()
-    fault(kart)
-    assert failed(kart) == [figure]
-    assert report_on(kart).verdict is Verdict.FAIL
+    report = report_on(kart, held_up=held_up)
+    assert not_passed(kart, held_up) == figures
+    assert report.verdict.value == verdict
+    assert report.text().endswith(f'\n{verdict.upper()}\n')
 
 
-def test_what_is_only_a_glance_is_not_judged() -> None:
-    assert report_on(driven(59)).verdict is Verdict.NOT_JUDGED
+def test_without_a_kart_nothing_is_judged() -> None:
     assert report_on(None).verdict is Verdict.NOT_JUDGED
-    never_answered = LinkSurvey()
-    never_answered.opened(0.0)
-    assert report_on(never_answered).verdict is Verdict.NOT_JUDGED
 
 
 def test_time_without_a_connection_is_not_time_on_the_network() -> None:
-    kart = driven(50)
-    kart.lost('reset', 50.0)
-    kart.second(100.0)
-    kart.opened(105.0)
-    kart.second(110.0)
+    acts = ('lost', 'reset', 50.0), ('second', 100.0), ('opened', 105.0), ('second', 110.0)
+    kart = then(driven(50), *acts)
     on = kart.figures(LIMITS)[-1]
     assert (on.value, on.verdict) == (55.0, Verdict.NOT_JUDGED)
 
 
 def test_a_silence_goes_on_until_the_kart_answers_on_its_next_connection() -> None:
-    kart = driven()
-    kart.lost('reset', 90.2)
-    kart.opened(92.0)
-    kart.answered([0.01], 92.5)
+    kart = then(driven(), LOST, ('opened', 92.0), ('answered', [0.01], 92.5))
     assert kart.second(93.0).silence == pytest.approx(2.5)
 
 
 def test_a_frame_that_was_never_answered_counts_with_its_age() -> None:
-    kart = driven()
-    kart.lost('reset', 91.0, [0.9] * 100)
-    assert 'round trip, 99th percentile' in failed(kart)
+    kart = then(driven(), ('lost', 'reset', 91.0, [0.9] * 100))
+    assert 'round trip, 99th percentile' in not_passed(kart)
     assert kart.second(91.0).worst == 0.9
-
-
-def test_what_this_computer_can_have_caused_is_not_judged() -> None:
-    kart = driven(gap=[30])
-    assert report_on(kart).verdict is Verdict.FAIL
-    assert report_on(kart, held_up=0.6).verdict is Verdict.NOT_JUDGED
-    assert report_on(kart, held_up=0.1).verdict is Verdict.FAIL
-    late(kart)
-    assert report_on(kart, held_up=0.6).verdict is Verdict.NOT_JUDGED
-    lost(kart)
-    assert report_on(kart, held_up=0.6).verdict is Verdict.FAIL
-
-
-def test_a_connection_that_a_kart_closes_while_this_computer_hangs_is_not_judged() -> None:
-    kart = driven()
-    lost(kart)
-    for held_up, verdict in ((0.6, Verdict.FAIL), (1.2, Verdict.NOT_JUDGED)):
-        assert report_on(kart, held_up=held_up).verdict is verdict
 
 
 def test_the_worst_places_are_apart_and_after_their_marks() -> None:
@@ -152,23 +132,21 @@ def test_the_worst_places_are_apart_and_after_their_marks() -> None:
 def test_a_link_is_as_good_as_its_last_seconds() -> None:
     kart = driven(30)
     grades = [kart.grade]
-    kart.answered([0.3], 30.1)
-    kart.second(31.0)
-    grades.append(kart.grade)
-    for second in range(31, 41):
-        kart.answered([0.02], second + 0.5)
-        kart.second(second + 1.0)
-    grades.append(kart.grade)
-    kart.lost('reset', 41.1)
-    kart.second(42.0)
-    grades.append(kart.grade)
+    for acts in (
+        [('answered', [0.3], 30.1), ('second', 31.0)],
+        [
+            act
+            for at in range(31, 41)
+            for act in (('answered', [0.02], at + 0.5), ('second', at + 1.0))
+        ],
+        [('lost', 'reset', 41.1), ('second', 42.0)],
+    ):
+        grades.append(then(kart, *acts).grade)
     assert grades == [Grade.GOOD, Grade.FAIR, Grade.GOOD, Grade.POOR]
 
 
 def test_the_worst_kart_is_where_the_line_is_not_cut_off() -> None:
-    away = driven()
-    away.lost('reset', 90.1)
-    away.second(91.0)
+    away = then(driven(), LOST, ('second', 91.0))
     line = figures_now({'10.0.0.101': driven(), '10.0.0.102': away, '10.0.0.103': driven()})
     found = [each.split()[0] for each in line.split(' | ')]
     assert found == ['10.0.0.102', '10.0.0.101', '10.0.0.103']
@@ -196,8 +174,7 @@ def test_the_worst_minute_is_the_worst_of_all_minutes(resent: list[int]) -> None
 
 
 def test_the_json_has_every_second_and_no_number_that_json_has_not() -> None:
-    kart = driven()
-    lost(kart)
+    kart = then(driven(), LOST)
     report = json.loads(report_on(kart, [Mark(1.0, 'ümlaut')]).as_json())
     assert report['verdict'] == 'fail'
     assert [each['at'] for each in report['karts']['10.0.0.107']['seconds']] == [
@@ -251,10 +228,15 @@ async def read_until_the_end(reader: asyncio.StreamReader) -> bytes:
     return data
 
 
-def test_nothing_but_in_garage_is_ever_sent() -> None:
+def test_nothing_but_in_garage_is_ever_sent_and_a_second_connection_counts_as_a_loss() -> None:
     heard = bytearray()
 
     async def visit(surveyor: Surveyor, port: int) -> None:
+        async with connection(port) as (first, _), connection(port) as (second, _):
+            heard.extend(await read_until_the_end(first))
+            heard.extend(await second.readexactly(5 * len(FRAME)))
+            (kart,) = surveyor.karts.values()
+            assert len(kart.losses) == 1
         # Whatever a kart says: GREEN_GREEN, rubbish, half a frame.
         for says in (b'$GREEN_GREEN;', b'\xff' * 1000, b'$RED', b''):
             async with connection(port) as (reader, writer):
@@ -271,7 +253,7 @@ def test_nothing_but_in_garage_is_ever_sent() -> None:
     assert set(frames) == {FRAME[:-1]}
     (kart,) = surveyor.karts.values()
     assert kart.percentile is not None
-    assert len(kart.losses) >= 3
+    assert len(kart.losses) >= 5
 
 
 def test_only_the_kart_is_surveyed_where_its_address_is_given() -> None:
@@ -284,17 +266,3 @@ def test_only_the_kart_is_surveyed_where_its_address_is_given() -> None:
     surveyor, told = surveyed(visit, kart_address='127.0.0.7')
     assert list(surveyor.karts) == ['127.0.0.7']
     assert any('127.0.0.1' in line for line in told)
-
-
-def test_a_second_connection_takes_the_place_of_the_first_and_counts_as_a_loss() -> None:
-    losses = []
-
-    async def visit(surveyor: Surveyor, port: int) -> None:
-        async with connection(port) as (first, _), connection(port) as (second, _):
-            await read_until_the_end(first)
-            await second.readexactly(5 * len(FRAME))
-            (kart,) = surveyor.karts.values()
-            losses.extend(kart.losses)
-
-    surveyed(visit)
-    assert len(losses) == 1
