@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 import contextlib
 import json
 import os
@@ -25,11 +25,12 @@ from evgp_protocol.states import RaceState
 from evgp_rehearsal.event import RefusedError, Rehearsal
 from evgp_rehearsal.field import TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
-from evgp_rehearsal.page import Page
 from evgp_rehearsal.plan import Cue, Plan
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import executable, Program
 import pytest
+
+DOCS = pathlib.Path(__file__).parents[1] / 'docs'
 
 
 @pytest.fixture(scope='module')
@@ -39,11 +40,15 @@ def rehearsal(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rehearsal]:
         yield each
 
 
-def ask(url: str, data: dict[str, Any] | None = None, **headers: str) -> Any:
+JSON = {'Content-Type': 'application/json'}
+KARTS = [*Plan().numbers]
+
+
+def ask(url: str, data: dict[str, Any] | None = None, headers: Mapping[str, str] = JSON) -> str:
     body = None if data is None else json.dumps(data).encode()
     request = urllib.request.Request(url, body, headers)  # noqa: S310 - of our own page
     with urllib.request.urlopen(request, timeout=10) as answer:  # noqa: S310
-        return json.load(answer)
+        return str(answer.read().decode())
 
 
 def start(rehearsal: Rehearsal) -> None:
@@ -57,29 +62,6 @@ def wait(rehearsal: Rehearsal, seconds: float) -> None:
     with rehearsal.lock:
         until = rehearsal.field.tick + round(seconds / TICK_LENGTH)
         assert rehearsal.lock.wait_for(lambda: rehearsal.field.tick >= until, PATIENCE)
-
-
-def test_the_page_shows_the_karts_and_lets_incidents_begin(rehearsal: Rehearsal) -> None:
-    with Page(rehearsal) as page:
-        rehearsal.official.wait_for_connected(*rehearsal.plan.numbers)
-        as_json = {'Content-Type': 'application/json'}
-        told = ask(page.url + 'do', {'do': 'inject', 'incident': 'spin'}, **as_json)['told']
-        assert told  # not in the garage
-        start(rehearsal)
-        shown = ask(page.url + 'state')
-        assert shown['race'] == RaceState.GREEN_GREEN.value
-        assert {kart['number'] for kart in shown['karts']} == set(rehearsal.plan.numbers)
-        assert all(kart['connected'] for kart in shown['karts'])
-        ask(page.url + 'do', {'do': 'pause'}, **as_json)
-        tick = rehearsal.field.tick
-        assert ask(page.url + 'state')['paused']
-        assert rehearsal.field.tick <= tick + 1
-        ask(page.url + 'do', {'do': 'pause'}, **as_json)
-        # No page of the internet can press a button.
-        for headers in ({'Host': 'evil.example', **as_json}, {'Content-Type': 'text/plain'}):
-            with pytest.raises(urllib.error.HTTPError):
-                ask(page.url + 'do', {'do': 'msr'}, **headers)
-        assert not rehearsal.field.truth.msr
 
 
 def test_a_rehearsal_that_begins_in_red_with_an_open_track_gets_to_the_garage_and_closes_it(
@@ -118,10 +100,7 @@ def test_the_debrief_says_how_long_a_kart_moved_after_all_kill_and_that_a_person
     official.command('grid_active', official='Anna', track_clear=True)
     rehearsal.mend()
     rehearsal.wait_for_end(before + 1)
-    with Page(rehearsal) as page:
-        debriefs = urllib.request.urlopen(page.url + 'debrief', timeout=10)  # noqa: S310 - ours
-        *_, first, second = debriefs.read().decode().split('\n\n')
-        debriefs.close()
+    *_, first, second = ['\n'.join(lines) for lines in rehearsal.debriefs()]
 
     assert first.startswith('msr_needed (kart 3): a kart no longer obeys anything\n')
     assert 'radio: Marshal, post 2: kart 3 is out of control!' in first
@@ -156,7 +135,7 @@ def test_a_race_of_other_karts_gets_no_command_and_race_control_that_ends_unaske
     official.wait_for_connected(*rehearsal.plan.numbers)
 
 
-def test_the_lines_that_a_rehearsal_prints_start_its_race_and_stop_it_and_it_is_debriefed() -> (
+def test_what_a_rehearsal_prints_starts_and_stops_its_race_and_its_page_lets_incidents_begin() -> (
     None
 ):
     command = [sys.executable, '-m', 'evgp_rehearsal.rehearse', '--no-window']
@@ -174,9 +153,16 @@ def test_the_lines_that_a_rehearsal_prints_start_its_race_and_stop_it_and_it_is_
         found = re.search(r'http://\S+/', ''.join(printed))
         assert found is not None
 
-        def press(**what: Any) -> Any:
-            return ask(f'{found[0]}do', what, **{'Content-Type': 'application/json'})
+        page = found[0]
 
+        def press(**what: Any) -> str:
+            return str(json.loads(ask(f'{page}do', what))['told'])
+
+        def shown() -> dict[str, Any]:
+            state: dict[str, Any] = json.loads(ask(f'{page}state'))
+            return state
+
+        assert press(do='inject', incident='spin')  # not in the garage
         lines = re.findall(r'ROS_DOMAIN_ID=(\d+) make ctl ARGS=(.+)', ''.join(printed))
         until = time.monotonic() + PATIENCE
         states = 'IN_GARAGE', 'GRID_ACTIVE', 'GREEN_GREEN', 'RED_RED'
@@ -187,12 +173,25 @@ def test_the_lines_that_a_rehearsal_prints_start_its_race_and_stop_it_and_it_is_
             environment = {**os.environ, 'ROS_DOMAIN_ID': domain}
             while subprocess.run(ctl, env=environment).returncode:  # karts connect, or get ready
                 assert time.monotonic() < until, words
-            while ask(f'{found[0]}state')['race'] != state:
+            while shown()['race'] != state:
                 assert time.monotonic() < until, state
             if state == 'GREEN_GREEN':
-                while press(do='inject', incident='spin', kart=2)['told']:  # once every kart races
+                while press(do='inject', incident='spin', kart=2):  # once every kart races
                     assert time.monotonic() < until
+                assert [kart['number'] for kart in shown()['karts'] if kart['connected']] == KARTS
+                press(do='pause')
+                at = shown()['time']
+                assert shown()['paused']
+                assert shown()['time'] <= at + 2 * TICK_LENGTH
+                press(do='pause')
+        # No page of the internet can press a button.
+        for headers in ({'Host': 'evil.example', **JSON}, {'Content-Type': 'text/plain'}):
+            with pytest.raises(urllib.error.HTTPError):
+                ask(f'{page}do', {'do': 'msr'}, headers)
         press(do='mend')
+        debrief = ask(f'{page}debrief')
+        assert 'spin (kart 2)' in debrief
+        assert 'the MSR is used' not in debrief
         order = f'the rule book: {INCIDENTS["spin"].order[:30]}'
         assert any(order in line for line in rehearsal.stdout)  # as soon as it has ended
         rehearsal.send_signal(signal.SIGINT)
@@ -257,3 +256,15 @@ def test_a_window_that_cannot_open_says_why_in_the_rehearsals_terminal() -> None
     command = [sys.executable, '-m', 'evgp_rehearsal.rehearse']
     with Program('rehearse', command, environment=nowhere) as rehearsal:
         rehearsal.wait_for_line(r'Qt for Python|could not connect to display')
+
+
+def test_the_rule_books_order_is_in_the_rules_where_the_table_says() -> None:
+    rules = (DOCS / 'rules.md').read_text(encoding='utf-8')
+    headings = re.findall(r'^#+ (.*?)(?: \(§.*\))?$', rules, re.MULTILINE)
+    for row in INCIDENTS.values():
+        (places,) = re.findall(r'\(([^()]*)\)$', row.order)
+        for place in places.split('; '):
+            section, _, what = place.partition(': ')
+            assert section in headings or section.startswith(('§', 'docs/')), (row.name, place)
+            # A name of an alert or a state is found as it stands.
+            assert not what.isupper() or what in rules, (row.name, place)
