@@ -18,8 +18,10 @@ from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules import race
+from evgp_rcs.rules.catalogue import CommandKind
 import pytest
 import race_oracle as oracle
+from recorded_races import as_seen
 from rig.faults import faults_in, module_with
 
 TEAM, LATE = 1, 9
@@ -40,15 +42,11 @@ class Meeting:
     def do(self, kind: str, kart: int = 0, **more: Any) -> Any:
         """Give a command after every pause, as an official does who sees the race as it is."""
         self.now = max(self.now + 1.0, self.race.paused_until)
-        command = self.rules.Command(self.rules.CommandKind[kind], kart, True, **more)
+        command = as_seen(self.race, CommandKind[kind], kart, self.now, **more)
         return self.race.command(command, self.now)
 
-    def home(self) -> None:
-        self.now = max(self.now, self.race.paused_until)
-        self.do('IN_GARAGE', karts=frozenset(self.offered('IN_GARAGE').karts))
-
     def offered(self, kind: str) -> Any:
-        return self.race.availability(self.rules.CommandKind[kind], 0, self.now)
+        return self.race.availability(CommandKind[kind], 0, self.now)
 
     def roster(self, *karts: tuple[int, str, str]) -> Any:
         """Return a roster of these karts: number, team and address of each."""
@@ -68,10 +66,10 @@ def _lost_on_the_grid(meeting: Meeting) -> None:
     race = meeting.race
     race.connected(TEAM, meeting.now)
     meeting.do('LEAVE_RACE', 2)
-    meeting.do('GRID_ACTIVE', karts=frozenset({TEAM}), opening=race.opening)
+    meeting.do('GRID_ACTIVE')
     race.disconnected(TEAM, 'gone', meeting.now)
     meeting.do('LEAVE_RACE', TEAM)
-    meeting.home()
+    meeting.do('IN_GARAGE')
 
 
 def _held(meeting: Meeting) -> None:
@@ -97,7 +95,10 @@ FREE: dict[str, Callable[[Meeting], object]] = {
         meeting.race.connected(TEAM, meeting.now),
         meeting.race.disconnected(TEAM, 'gone', meeting.now),
     ),
-    'released after all were stopped': lambda meeting: (meeting.do('ALL_KILL'), meeting.home()),
+    'released after all were stopped': lambda meeting: (
+        meeting.do('ALL_KILL'),
+        meeting.do('IN_GARAGE'),
+    ),
 }
 
 SAME, OTHER = (2, 'A', '10.0.0.2'), (2, 'B', '10.0.0.2')
@@ -120,10 +121,8 @@ BETWEEN: dict[str, Callable[[Meeting], object]] = {
     'the network is lost': lambda meeting: meeting.race.cut_off('no cable', meeting.now),
     'a race is over': lambda meeting: (
         [meeting.race.connected(each, meeting.now) for each in meeting.race.karts],
-        meeting.do(
-            'GRID_ACTIVE', karts=frozenset(meeting.race.karts), opening=meeting.race.opening
-        ),
-        meeting.home(),
+        meeting.do('GRID_ACTIVE'),
+        meeting.do('IN_GARAGE'),
     ),
     'it is read again': lambda meeting: meeting.do('READ_ROSTER', roster=meeting.read),
 }
@@ -232,7 +231,7 @@ def test_a_kart_that_is_in_no_roster_any_more_stays_held_and_is_not_let_in_again
     )
     meeting = Meeting(race)
     meeting.race.recover(memory, race.LastRun.UNKNOWN, meeting.now)
-    meeting.home()
+    meeting.do('IN_GARAGE')
 
     with_it = meeting.roster((1, 'A', '10.0.0.1'), SAME, (5, 'E', '10.0.0.5'))
     answer = meeting.do('READ_ROSTER', roster=with_it).answer
@@ -241,8 +240,7 @@ def test_a_kart_that_is_in_no_roster_any_more_stays_held_and_is_not_let_in_again
     assert 'put no kart back that is no longer in it' in answer.message
     read = meeting.roster(SAME)
     assert meeting.do('READ_ROSTER', roster=read).answer.success
-    number = meeting.race.reading
-    assert meeting.do('TAKE_ROSTER', reading=number, roster=read).answer.success
+    assert meeting.do('TAKE_ROSTER', roster=read).answer.success
     assert meeting.race.karts[5].hold is RaceState.RED_RED
 
 
@@ -255,10 +253,10 @@ def test_an_alert_of_a_kart_ends_even_if_the_kart_has_left_the_roster_by_then() 
     raised = rules.tick(meeting.now).events
     assert (race.EventKind.ALERT_RAISED, TEAM) in [(each.kind, each.kart) for each in raised]
     rules.disconnected(TEAM, 'gone', meeting.now)
-    meeting.do('KART_IN_GARAGE', TEAM, hold=RaceState.RED_RED)
+    meeting.do('KART_IN_GARAGE', TEAM)
     read = meeting.roster(SAME)
     assert meeting.do('READ_ROSTER', roster=read).answer.success
-    assert meeting.do('TAKE_ROSTER', reading=rules.reading, roster=read).answer.success
+    assert meeting.do('TAKE_ROSTER', roster=read).answer.success
     assert TEAM not in rules.karts
 
     ended = rules.tick(meeting.now).events
