@@ -24,12 +24,10 @@ import functools
 import json
 import os
 import pathlib
-import select
 import socket
 import struct
 import subprocess
 import sys
-from typing import Any
 
 from evgp_testing.part import Part, PATIENCE
 from rig.needs import cannot_run
@@ -197,7 +195,7 @@ class Machine(Namespace):
     def unplug(self) -> float:
         """Have its interface vanish, as when the power goes; return the time (monotonic, s)."""
         self.plugged = False
-        at: float = self._track.order('unplug', name=self.name)
+        at = self._track.order('unplug', name=self.name)
         self._track.middle.ip(f'link del {self.name}')
         return at
 
@@ -240,43 +238,23 @@ class Track(Part):
         self._machines.remove(machine)
         machine.close()
 
-    def order(self, what: str, **details: object) -> Any:
-        """
-        Have the relay do something, and return its answer.
-
-        :raises RuntimeError: if it gives none.
-        """
+    def order(self, what: str, **details: object) -> float:
+        """Have the relay do something; return when it was done (monotonic, s)."""
         assert self._relay.stdin is not None
         assert self._relay.stdout is not None
-        try:
-            self._relay.stdin.write(json.dumps({'do': what, **details}) + '\n')
-            self._relay.stdin.flush()
-        except BrokenPipeError as error:
-            raise RuntimeError('the relay has ended') from error
-        answered, _, _ = select.select([self._relay.stdout], [], [], PATIENCE)
-        line = self._relay.stdout.readline() if answered else ''
-        if not line:
-            raise RuntimeError(f'the relay did not answer to {what}')
-        return json.loads(line)
+        self._relay.stdin.write(json.dumps({'do': what, **details}) + '\n')
+        self._relay.stdin.flush()
+        line = self._relay.stdout.readline()
+        assert line, f'the relay did not answer to {what}'
+        return float(line)
 
     def close(self) -> None:
         """End the relay and take every machine away."""
         with contextlib.ExitStack() as stack:
             stack.callback(self.middle.close)
-            stack.callback(self._end_relay)
+            stack.enter_context(self._relay)  # it ends with its input
             for machine in self._machines:
                 stack.callback(machine.close)
-
-    def _end_relay(self) -> None:
-        with self._relay as relay:
-            assert relay.stdin is not None
-            try:
-                relay.stdin.close()
-                relay.wait(PATIENCE)
-            except BrokenPipeError:
-                pass  # it has ended already, and has said why
-            except subprocess.TimeoutExpired:
-                relay.kill()
 
 
 @functools.cache
