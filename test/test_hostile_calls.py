@@ -74,6 +74,13 @@ NUMBERS = {
     'octet': [b'\0', b'\xff'],
 }
 
+NESTED = {
+    'Parameter': Parameter,
+    'rcl_interfaces/Parameter': Parameter,
+    'rcl_interfaces/ParameterValue': ParameterValue,
+    'evgp_rcs_msgs/RaceState': msg.RaceState,
+}
+
 
 class Hostile(RosSide):
     """A node that calls whatever there is, with whatever can be sent."""
@@ -93,32 +100,19 @@ class Hostile(RosSide):
         """Return a message with what nobody expects in each field."""
         message = kind()
         for field, of in message.get_fields_and_field_types().items():
-            setattr(message, field, self._value(message, field, of))
+            inner = of.removeprefix('sequence<').removesuffix('>').partition(',')[0]
+            if of.startswith('sequence<'):
+                count = self.chance.choice([0, 1, 2, 100])
+                setattr(message, field, [self._value(inner) for _ in range(count)])
+            elif not of.endswith(']'):
+                setattr(message, field, self._value(of))
         return message
 
-    def _value(self, message: Any, field: str, of: str) -> Any:
-        if of.startswith('sequence<'):
-            inner = of.removeprefix('sequence<').removesuffix('>').partition(',')[0]
-            count = self.chance.choice([0, 1, 2, 100])
-            if inner == 'octet':
-                return [self.chance.choice(NUMBERS[inner]) for _ in range(count)]
-            return [self._single(message, field, inner) for _ in range(count)]
-        if of.endswith(']'):
-            return getattr(message, field)
-        return self._single(message, field, of)
-
-    def _single(self, message: Any, field: str, of: str) -> Any:
-        if of.startswith('string'):
-            return self.chance.choice(TEXTS)
-        if of in NUMBERS:
-            return self.chance.choice(NUMBERS[of])
-        if of in ('Parameter', 'rcl_interfaces/Parameter'):
-            return self.filled(Parameter)
-        if of == 'rcl_interfaces/ParameterValue':
-            return self.filled(ParameterValue)
-        if of == 'evgp_rcs_msgs/RaceState':
-            return self.filled(msg.RaceState)
-        raise NotImplementedError(of)  # a new kind of field: say here what is hostile in it
+    def _value(self, of: str) -> Any:
+        if of in NESTED:
+            return self.filled(NESTED[of])
+        # A new kind of field: say above what is hostile in it.
+        return self.chance.choice(TEXTS if of.startswith('string') else NUMBERS[of])
 
 
 # ----- requests that Python cannot make ---------------------------------------------------
