@@ -66,7 +66,7 @@ class NetworkRace:
     """
     Race control, the ROS kart ``faulty`` and the plain kart ``good``, on a machine each.
 
-    ``began`` is when the present test began (monotonic, s).
+    ``began`` is when the present test or its last race began (monotonic, s).
     """
 
     def __init__(self, parts: contextlib.ExitStack, folder: pathlib.Path) -> None:
@@ -129,10 +129,12 @@ class NetworkRace:
         self.machine = self.track.machine('kart1', self.machine.address)
 
     def green(self) -> None:
-        """Bring the race to GREEN_GREEN, whatever it was in, with both karts in it."""
+        """Bring the race to GREEN_GREEN, whatever it was in, with both karts, and let it run."""
         self.official.wait_for_connected(FAULTY, GOOD)
         for state in (RaceState.IN_GARAGE, RaceState.GREEN_GREEN):
             self.official.bring_to(state, FAULTY, GOOD, acknowledge=self._acknowledge)
+        self.good.wait_for_frames(6)
+        self.began = time.monotonic()
 
     def _acknowledge(self, state: RaceState) -> None:
         self.faulty.team.wait_for(
@@ -145,52 +147,41 @@ class NetworkRace:
                 lambda: self.faulty.team.acknowledge(state).success, f'{state.value} acknowledged'
             )
 
-    def events(self, kind: int, kart: int) -> list[msg.RaceEvent]:
-        """Return the events of a kind about a kart in this test."""
-        with self.official.news:
-            return [
-                event
-                for event in self.official.events
-                if (event.kind, event.kart) == (kind, kart)
-                and seconds_of(event.monotonic) >= self.began
-            ]
+    def events(self, **fields: int) -> list[msg.RaceEvent]:
+        """Return the events with these fields since it began."""
+        return [
+            event
+            for event in [*self.official.events]
+            if seconds_of(event.monotonic) >= self.began
+            and all(getattr(event, name) == value for name, value in fields.items())
+        ]
 
-    def wait_for(self, since: float, what: str, **fields: int) -> msg.RaceEvent:
+    def wait_for(self, what: str, **fields: int) -> msg.RaceEvent:
         """
-        Return the first event with these fields since then (monotonic, s).
+        Return the first event with these fields since it began.
 
         :raises AssertionError: if none comes in time.
         """
-        return self.official.wait_for_event(
-            lambda event: (
-                seconds_of(event.monotonic) >= since
-                and all(getattr(event, name) == value for name, value in fields.items())
-            ),
-            what,
-        )
+        return self.official.wait_until(lambda: self.events(**fields), lambda: what)[0]
 
-    def wait_for_lost(self, since: float) -> msg.RaceEvent:
-        """Return the event that says the faulty kart was lost since then (monotonic, s)."""
-        return self.wait_for(since, 'kart 1 is lost', kind=Event.DISCONNECTED, kart=FAULTY)
+    def wait_for_lost(self) -> msg.RaceEvent:
+        """Return the event that says the faulty kart was lost."""
+        return self.wait_for('kart 1 is lost', kind=Event.DISCONNECTED, kart=FAULTY)
 
-    def wait_for_stopped(self, since: float) -> None:
-        """Return once the faulty kart's stack had to obey RED_RED since then (monotonic, s)."""
+    def wait_for_stopped(self) -> None:
+        """Return once the faulty kart's stack had to obey RED_RED."""
         kart = self.faulty
         kart.team.wait_until(
-            lambda: any(at >= since and state is RaceState.RED_RED for at, state in kart.obeyed),
+            lambda: any(at >= self.began and state is RED_RED for at, state in kart.obeyed),
             lambda: f'RED_RED; obeyed: {kart.obeyed}',
         )
 
-    def wait_for_back(self, since: float) -> None:
-        """Return once the faulty kart is connected again since then, and sent RED_RED."""
-        self.wait_for(since, 'kart 1 is back', kind=Event.CONNECTED, kart=FAULTY)
-        self.wait_for_held()
-
-    def wait_for_held(self) -> None:
-        """Return once the faulty kart is connected and sent RED_RED."""
+    def wait_for_back(self) -> None:
+        """Return once the faulty kart is connected again, and sent RED_RED."""
+        self.wait_for('kart 1 is back', kind=Event.CONNECTED, kart=FAULTY)
         self.official.wait_for_kart(
             FAULTY,
-            lambda kart: kart.connected and state_of(kart.sent) is RaceState.RED_RED,
+            lambda kart: kart.connected and state_of(kart.sent) is RED_RED,
             'back, and held in RED_RED',
         )
 
@@ -205,13 +196,6 @@ CUTS: dict[str, tuple[Callable[[Machine], object], Callable[[Machine], object]]]
     'dropped from the kart': (lambda kart: kart.air(back=1.0), lambda kart: kart.air()),
 }
 """The faults of the network alone, each with how it is mended: all processes go on."""
-
-
-def under_way(race: NetworkRace) -> float:
-    """Bring the race to GREEN_GREEN, let it run, and return the time (monotonic, s)."""
-    race.green()
-    race.good.wait_for_frames(6)
-    return time.monotonic()
 
 
 @pytest.fixture(scope='module')
@@ -232,7 +216,7 @@ def race(the_race: NetworkRace) -> NetworkRace:
 def check_the_other_kart_raced_on(race: NetworkRace) -> None:
     race.good.wait_for_frames(10)
     assert race.good.state is RaceState.GREEN_GREEN
-    assert not race.events(Event.DISCONNECTED, GOOD)
+    assert not race.events(kind=Event.DISCONNECTED, kart=GOOD)
     assert not race.good.malformed
 
 
@@ -243,22 +227,19 @@ def check_the_other_kart_raced_on(race: NetworkRace) -> None:
 def test_a_cut_link_is_noticed_at_both_ends_and_the_kart_is_back_held(
     race: NetworkRace, fault: str
 ) -> None:
-    began = under_way(race)
+    race.green()
     begin, mend = CUTS[fault]
     begin(race.machine)
-    lost = race.wait_for_lost(began)
-    race.wait_for_stopped(began)
+    race.wait_for_lost()
+    race.wait_for_stopped()
     mend(race.machine)
-    race.wait_for_back(seconds_of(lost.monotonic))
+    race.wait_for_back()
     check_the_other_kart_raced_on(race)
     # That it was lost; or, if it was back before the next beat, that it acknowledges no stop.
-    alert = race.official.wait_for_event(
-        lambda event: (
-            (event.kind, event.kart) == (Event.ALERT_RAISED, FAULTY)
-            and event.alert != msg.Alert.LINK_POOR
-            and seconds_of(event.monotonic) >= began
-        ),
-        'an alert',
+    raised = {'kind': Event.ALERT_RAISED, 'kart': FAULTY}
+    alert, *_ = race.official.wait_until(
+        lambda: [each for each in race.events(**raised) if each.alert != msg.Alert.LINK_POOR],
+        lambda: 'an alert',
     )
     assert alert.text.startswith('Use the MSR')
     assert race.faulty.team.stop is True
@@ -274,17 +255,16 @@ def test_a_kart_is_not_lost_where_a_twentieth_is_lost_and_everything_late(
         machine.air(loss=0.05, delay=0.05)
     race.good.wait_for_frames(240)  # 20 s
     for kart in (FAULTY, GOOD):
-        assert not race.events(Event.DISCONNECTED, kart)
+        assert not race.events(kind=Event.DISCONNECTED, kart=kart)
     assert race.faulty.team.states[states:] == []
 
 
 def test_a_link_that_answers_all_the_time_but_too_late_is_a_lost_link(race: NetworkRace) -> None:
     race.green()
-    began = time.monotonic()
     for delay in (0.2, 0.4, 0.6):  # so that no second passes without an answer
         race.machine.air(delay=delay)
         race.good.wait_for_frames(20)
-    lost = race.wait_for_lost(began)
+    lost = race.wait_for_lost()
     assert lost.text.endswith('its network link stopped answering')
     check_the_other_kart_raced_on(race)
 
@@ -293,12 +273,11 @@ def test_on_a_narrow_link_frames_go_further_apart_and_the_kart_is_not_lost(
     race: NetworkRace,
 ) -> None:
     race.green()
-    began = time.monotonic()
     race.machine.air(rate=8_000.0)
     race.good.wait_for_frames(180)  # 15 s
-    assert not race.events(Event.DISCONNECTED, FAULTY)
+    assert not race.events(kind=Event.DISCONNECTED, kart=FAULTY)
     race.official.command('all_kill')
-    race.wait_for_stopped(began)
+    race.wait_for_stopped()
 
 
 def is_good(kart: msg.KartStatus) -> bool:
@@ -310,14 +289,14 @@ def test_officials_are_told_of_a_link_that_answers_late_before_it_is_lost(
 ) -> None:
     for kart in (FAULTY, GOOD):
         race.official.wait_for_kart(kart, is_good, 'a good link')
-    began = race.began = time.monotonic()
+    race.began = time.monotonic()
     for delay, grade in ((0.13, msg.LinkQuality.FAIR), (0.3, msg.LinkQuality.POOR)):
         race.machine.air(delay=delay)
-        race.wait_for(began, 'a link that is not good', kart=FAULTY, grade=grade)
-    alert = race.wait_for(began, 'a warning', kind=Event.ALERT_RAISED, kart=FAULTY)
+        race.wait_for('a link that is not good', kart=FAULTY, grade=grade)
+    alert = race.wait_for('a warning', kind=Event.ALERT_RAISED, kart=FAULTY)
     assert alert.alert == msg.Alert.LINK_POOR
-    assert not race.events(Event.DISCONNECTED, FAULTY)
-    others = race.events(Event.LINK_GRADE, GOOD)
+    assert not race.events(kind=Event.DISCONNECTED, kart=FAULTY)
+    others = race.events(kind=Event.LINK_GRADE, kart=GOOD)
     assert all(each.grade == msg.LinkQuality.GOOD for each in others)
 
 
@@ -328,17 +307,16 @@ def test_a_machine_that_reboots_takes_the_place_of_its_own_lost_connection(
     race: NetworkRace,
 ) -> None:
     race.green()
-    began = time.monotonic()
     race.reboot()
     with race.connect(race.machine) as early:
         early.wait_for_frames(3)
         assert [state for _, state in early.changes] == [RED_RED]
-    lost = race.wait_for_lost(began)
+    lost = race.wait_for_lost()
     check_the_other_kart_raced_on(race)
     race.start_ros_kart()
     race.faulty.team.wait_for(lambda state: state.connected, 'a link')
     assert race.faulty.team.states == [RED_RED]
-    race.wait_for_held()
+    race.wait_for_back()
     assert lost.text.endswith(
         (
             'a new connection from its address replaced it',
@@ -352,18 +330,18 @@ def test_a_stolen_address_stops_the_kart_and_gets_the_thief_nothing_but_red_red(
     race: NetworkRace,
 ) -> None:
     for _ in range(ATTEMPTS):
-        began = under_way(race)
+        race.green()
         twin = race.track.machine('thief', race.machine.address, twin=1)
         with race.connect(twin) as thief:
-            lost = race.wait_for_lost(began)
-            race.wait_for_stopped(began)
+            lost = race.wait_for_lost()
+            race.wait_for_stopped()
             thief.wait_for_frames(3)
             assert [state for _, state in thief.changes] == [RED_RED]
         race.track.remove(twin)
         # As a machine does that joins the WLAN again: ask again who has race control's address,
         # and thereby tell who has its own. Else the thief is remembered for up to a minute.
         race.machine.ip('neigh flush dev eth0')
-        race.wait_for_back(seconds_of(lost.monotonic))
+        race.wait_for_back()
         check_the_other_kart_raced_on(race)
         # On a busy computer the thief takes 1 s to connect, and the bridge has given up by then.
         if not lost.text.endswith('the kart closed the connection'):
