@@ -21,16 +21,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 INTERFACE = 'EVGP_GRAPH_INTERFACE'
 
 
-class StandIn:
-    """Stands in for whatever a launch file makes, and keeps what it was given."""
-
-    def __init__(self, kind: str, positional: tuple[Any, ...], named: dict[str, Any]) -> None:
-        self.kind = kind
-        self.positional = positional
-        self.named = named
-
-
-Describe = Callable[[str], list[StandIn]]
+Describe = Callable[[str], list[Any]]
 
 
 @pytest.fixture
@@ -45,7 +36,9 @@ def describe(monkeypatch: pytest.MonkeyPatch) -> Describe:
         def __getattr__(self, kind: str) -> Any:
             if kind.startswith('__'):
                 raise AttributeError(kind)
-            return lambda *positional, **named: StandIn(kind, positional, named)
+            return lambda *positional, **named: SimpleNamespace(
+                kind=kind, positional=positional, named=named
+            )
 
     monkeypatch.setattr(os, 'environ', os.environ.copy())
     for name in (
@@ -56,15 +49,14 @@ def describe(monkeypatch: pytest.MonkeyPatch) -> Describe:
     ):
         monkeypatch.setitem(sys.modules, name, Module(name))
 
-    def description_of(path: str) -> list[StandIn]:
+    def description_of(path: str) -> Any:
         made = runpy.run_path(str(ROOT / 'src' / path))['generate_launch_description']()
-        entities: list[StandIn] = made.positional[0]
-        return entities
+        return made.positional[0]
 
     return description_of
 
 
-def nodes(entities: list[StandIn]) -> list[StandIn]:
+def nodes(entities: list[Any]) -> list[Any]:
     """Return the nodes of a launch file, of which there is at least one."""
     found = [each for each in entities if each.kind == 'Node']
     assert found
