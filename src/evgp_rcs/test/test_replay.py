@@ -15,7 +15,7 @@ import pathlib
 import random
 from typing import Any, get_args, get_type_hints
 
-from evgp_protocol.link import Grade
+from evgp_protocol.link import GRADES
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main
 from evgp_rcs.record.replay import OF_THE_SERVER, Replay
@@ -23,20 +23,20 @@ from evgp_rcs.record.runs import DONE, PARTLY, UNREADABLE
 from evgp_rcs.record.store import rules_version
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules import race as rules
-from evgp_rcs.rules.catalogue import CATALOGUE
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.inputs import Entrant, Entry, Ordered, Rules, Setup
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import (
     Attendance,
-    Command,
     Event,
     EventKind,
     Heat,
     RaceTimes,
+    Roster,
     StampedEvent,
 )
 import pytest
-from recorded_races import change_event, edit, kept, PaperRace
+from recorded_races import as_seen, change_event, edit, kept, PaperRace
 from rig.faults import faults_in, module_with
 
 KARTS = range(1, 5)
@@ -52,6 +52,16 @@ SETUP = Setup(
     (Heat('first', (1, 2)), Heat('second', (3, 4))),
     now=1000.1,
 )
+
+
+NEXT = {
+    RaceState.IN_GARAGE: CommandKind.GRID_ACTIVE,
+    RaceState.GRID_ACTIVE: CommandKind.GREEN_GREEN,
+    RaceState.GREEN_GREEN: CommandKind.KART_FINISH,
+    RaceState.RED_FLAG: CommandKind.RACE_OVER,
+    RaceState.RED_RED: CommandKind.IN_GARAGE,
+}
+"""What an official does next in a race."""
 
 
 class Running(PaperRace):
@@ -75,7 +85,19 @@ class Running(PaperRace):
             self.feed(self.anything())
             if self.chance.random() < 0.3:
                 self.log.add(inputs.Shown(self.now))
+            if self.chance.random() < 0.1:
+                self.calm_down()
         return self
+
+    def calm_down(self) -> None:
+        """Have nothing be wrong for a moment, and the official do what comes next."""
+        self.feed(inputs.Rival(self.now, False))
+        self.feed(inputs.RecordTrouble(self.now, ''))
+        self.connect(*(kart.number for kart in self.race.karts.values() if not kart.connected))
+        self.acknowledge()
+        self.feed(inputs.Saved(self.now, self.race.memory().gridded))
+        self.wait(self.race.times.settle_time)
+        self.command(NEXT[self.race.state], self.chance.choice(KARTS))
 
     def tell(self, events: Iterable[Event]) -> None:
         super().tell(each for each in events if not each.chatter or self.chance.random() < 0.5)
@@ -96,7 +118,7 @@ class Running(PaperRace):
             answered = self.chance.uniform(kart.ordered_at, self.now)
             return inputs.Delivered(self.now, kart.number, kart.serial, answered)
         if what < 0.31:
-            grade = self.chance.choice(list(Grade))
+            grade = self.chance.choice([*GRADES])
             return inputs.Measured(self.now, kart.number, NOT_MEASURED._replace(grade=grade))
         if what < 0.45:
             return inputs.Tick(self.now)
@@ -118,20 +140,22 @@ class Running(PaperRace):
         return self.any_command(kart.number)
 
     def any_command(self, kart: int) -> inputs.Input:
-        """Return a command, mostly one that would be accepted."""
-        for kind in self.chance.sample([*CATALOGUE], len(CATALOGUE)):
+        """Return a command, mostly one that would be accepted, or what comes next in a race."""
+        likely = [NEXT[self.race.state]] * (self.chance.random() < 0.8)
+        for kind in (*likely, *self.chance.sample([*CATALOGUE], len(CATALOGUE))):
             number = kart if CATALOGUE[kind].to_one_kart else 0
             each = self.race.availability(kind, number, self.now)
             if each.available or self.chance.random() < 0.2:
                 break
-        command = Command(
-            each.command,
+        command = as_seen(
+            self.race,
+            kind,
             number,
-            self.chance.random() < 0.9,
-            frozenset(each.karts),
-            self.race.karts[kart].hold if number else None,
-            self.chance.choice(('first', 'second', 'none')),
-            self.chance.choice(('', 'Anna', '<b>')),
+            self.now,
+            statement=self.chance.random() < 0.9,
+            heat=self.chance.choice(('first', 'second', 'none')),
+            official=self.chance.choice(('', 'Anna', '<b>')),
+            roster=Roster(SETUP.karts, SETUP.heats),
         )
         return inputs.Commanded(self.now, command, self.now - self.chance.choice((0.0, 0.1)))
 
@@ -157,7 +181,9 @@ LEFT_BEHIND = rules.RaceMemory(
 def test_a_race_that_is_replayed_with_its_own_rules_does_not_differ(
     seed: int, recovered: rules.RaceMemory | None
 ) -> None:
-    found = replayed(Running(seed, recovered).run(800).stream())
+    running = Running(seed, recovered).run(400)
+    assert any(each.event.state is RaceState.GREEN_GREEN for each in running.stamped)
+    found = replayed(running.stream())
     assert (found.difference, found.missing) == (None, '')
     assert found.inputs > 800
     assert found.orders > 20
