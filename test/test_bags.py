@@ -189,15 +189,6 @@ def test_a_bag_whose_race_ends_where_inputs_are_missing_says_so(
     assert 0 < len(cut['/rcs/race']) < len(whole['/rcs/race'])
 
 
-def test_a_file_that_is_there_is_not_written_over(
-    race: pathlib.Path, tmp_path: pathlib.Path
-) -> None:
-    bag = tmp_path / 'race.mcap'
-    bag.write_text('something else')
-    assert rcs_record(['mcap', str(race), str(bag)]) == 1
-    assert bag.read_text() == 'something else'
-
-
 def test_without_the_package_for_bags_it_is_said_how_to_get_it(
     tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

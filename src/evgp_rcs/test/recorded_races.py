@@ -173,11 +173,12 @@ class PaperRace:
         for kart in list(self.race.karts.values()):
             self.feed(inputs.Disconnected(self.now, kart.number, 'race control ends'))
 
-    def write(self, path: pathlib.Path, version: str = '') -> pathlib.Path:
+    def write(self, path: pathlib.Path, version: str | None = None) -> pathlib.Path:
         """Write what happened as a run into a record."""
         self.batches.append(self.log.take())
         record = Record(path, secrets.token_hex(8))
-        record.put(Batch(0, [Rules(version or rules_version(), self.setup)]))
+        version = rules_version() if version is None else version
+        record.put(Batch(0, [Rules(version, self.setup)]))
         for batch in (each for each in self.batches if each.entries):
             record.put(batch)
             assert len(batch.entries) % 5 or record.write()

@@ -94,12 +94,13 @@ def test_the_word_show_may_be_left_out(good: pathlib.Path, capsys: Capture) -> N
         assert capsys.readouterr().out == without
 
 
-@pytest.mark.parametrize('way', ['report', 'results'])
+@pytest.mark.parametrize('way', ['report', 'results', 'mcap'])
 def test_what_is_made_of_a_record_is_not_written_over_one_and_what_cannot_be_written_is_named(
     way: str, good: pathlib.Path, recorded: pathlib.Path, capsys: Capture
 ) -> None:
     for output in (good, good / 'no'):
-        assert rcs_record([way, str(recorded), '-o', str(output)]) == FAILED
+        arguments = arguments_of(way, recorded)[:2] + ['-o'] * (way != 'mcap') + [str(output)]
+        assert rcs_record(arguments) == FAILED
         assert str(output) in capsys.readouterr().err
     assert good.read_bytes() == recorded.read_bytes()
 
