@@ -230,8 +230,7 @@ def test_an_alert_stands_until_it_is_cleared_also_beside_another_of_that_kart(
     paper.lose(7)  # then only the first one
     paper.wait(1.0)
     lost, unanswered = (each for each in paper.account().alerts if each.event.event.kart == 7)
-    assert lost.stands
-    assert not unanswered.stands
+    assert lost.ended is None
     assert unanswered.ended == pytest.approx(unanswered.event.at + 1.0)
 
 
@@ -272,6 +271,8 @@ def test_where_the_rules_cannot_follow_the_events_are_listed_and_nothing_else_is
     assert 'it only lists the events in the record' in text
     assert 'was recorded with other rules (version unknown' in text
     assert '<b>ALL KILL</b>' in text
+    assert {row[1] for row in table(text, 'alerts')} == {'not known'}
+    assert 'had not ended when' not in text
 
 
 def test_a_race_that_was_taken_up_is_shown_as_begun_before(paper: PaperRace) -> None:

@@ -121,12 +121,10 @@ class Alert:
 
     :param event: the event that raised it.
     :param ended: when it ended; None if it had not, as far as the rules can follow the record.
-    :param stands: whether it certainly lasted until the end of the record.
     """
 
     event: Happened
     ended: float | None = None
-    stands: bool = True
 
 
 class Why(enum.Enum):
@@ -326,14 +324,16 @@ class Account:
         """Return the names under which commands were sent."""
         return sorted({each.event.official for each in self.commands} - {''})
 
-    def at(self, event: StampedEvent) -> float:
-        """Return the time of an event."""
-        return self._at(event.monotonic)
+    def at(self, monotonic: float) -> float:
+        """Return a time of the rules' clock as one of the run."""
+        # Round to the millisecond, as the report does, so that the times in it add up.
+        began = monotonic if self._first is None else self._first.monotonic
+        return round(max(0.0, monotonic - began), 3)
 
     def corrected_at(self, given: Corrected) -> float | None:
         """Return the time of a correction; None if the machine has been restarted before it."""
         known = self._first is not None and given.at >= self._first.monotonic
-        return self._at(given.at) if known else None
+        return self.at(given.at) if known else None
 
     def results(self, race: RaceAccount) -> list[Result]:
         """Return the results of a race's starters, in the order of places, then the rest."""
@@ -381,11 +381,6 @@ class Account:
         for band in itertools.chain(self.race_bands, *of_karts):
             band.end = min(band.end, self.length)
 
-    def _at(self, monotonic: float) -> float:
-        # Round to the millisecond, as the report does, so that the times in it add up.
-        began = monotonic if self._first is None else self._first.monotonic
-        return round(max(0.0, monotonic - began), 3)
-
     def _take(self, step: Step) -> None:
         if isinstance(step.entry, Gap):
             self.gaps.append((self.length, step.entry))
@@ -394,7 +389,7 @@ class Account:
         new = []
         for stamped in step.events:
             self._first = self._first or stamped
-            self.length = self.at(stamped)
+            self.length = self.at(stamped.monotonic)
             new.append(Happened(self.length, stamped.sequence, stamped.event))
             if step.race is None and stamped.event.kind is EventKind.ENDED:
                 self.ended = new[-1]
@@ -415,21 +410,15 @@ class Account:
             lane.links.change(at, NO_GRADE)
             lane.holds.change(at, '')
         self.race_bands.change(at, NOT_KNOWN)
-        for alert in self.alerts:
-            alert.stands = False
         for race in self.races[-1:]:
             race.incomplete = race.garage is None
 
-    def _race_of(self, event: Event) -> RaceAccount:
-        """Return the race that was under way; `outside` if there was none."""
-        if not event.race:
-            return self.outside
-        if not self.races or self.races[-1].number != event.race:
-            self.races.append(RaceAccount(event.race))
-        return self.races[-1]
-
     def _look_at_event(self, step: Step, happened: Happened) -> None:
-        event, race = happened.event, self._race_of(happened.event)
+        event, race = happened.event, self.outside
+        if event.race:
+            if not self.races or self.races[-1].number != event.race:
+                self.races.append(RaceAccount(event.race))
+            race = self.races[-1]
         race.events.append(happened)
         if happened.is_command and event.success:
             if event.command in STOPS:
@@ -445,8 +434,9 @@ class Account:
         elif event.kind is EventKind.ALERT_CLEARED:
             for alert in self.alerts:
                 raised = alert.event.event
-                if alert.stands and (raised.kart, raised.alert) == (event.kart, event.alert):
-                    alert.ended, alert.stands = happened.at, False
+                is_it = (raised.kart, raised.alert) == (event.kart, event.alert)
+                if is_it and alert.ended is None:
+                    alert.ended = happened.at
         elif event.kind is EventKind.DISCONNECTED and event.race:
             race.add_incident(happened)
         elif event.kind is EventKind.WITHDRAWN and self._sent(event.kart) in REDS:
@@ -465,7 +455,7 @@ class Account:
 
     def _look_at_race(self, step: Step, made: Outcome, events: list[Happened], race: Race) -> None:
         assert isinstance(step.entry, Input)
-        at = self._at(step.entry.at)
+        at = self.at(step.entry.at)
         self.race_bands.change(at, race.state.name)
         under_way = self.races[-1] if self.races and made.events and made.events[0].race else None
         self.lost += sum(
@@ -491,9 +481,9 @@ class Account:
             lane.bands.change(0.0, NOT_CONNECTED)
         band = lane.bands.change(at, kart.sent.name if kart.connected else NOT_CONNECTED)
         if kart.delivered_after is not None and band.delivered is None:
-            band.delivered = self._at(kart.ordered_at + kart.delivered_after)
+            band.delivered = self.at(kart.ordered_at + kart.delivered_after)
         if kart.acknowledged_after is not None and band.acknowledged is None:
-            band.acknowledged = self._at(kart.ordered_at + kart.acknowledged_after)
+            band.acknowledged = self.at(kart.ordered_at + kart.acknowledged_after)
         lane.links.change(at, kart.link.grade.name)
         lane.holds.change(at, '' if kart.hold is None else kart.hold.name)
 

@@ -172,8 +172,8 @@ def _lap_chart(timing: Standings) -> list[list[int]]:
 
 
 def _stood(alert: Alert, account: Account) -> str:
-    if alert.stands:
-        return f'until the end ({duration(account.length - alert.event.at)})'
-    if alert.ended is None:
+    if alert.ended is not None:
+        return duration(alert.ended - alert.event.at)
+    if account.known_until is not None:
         return 'not known'
-    return duration(alert.ended - alert.event.at)
+    return f'until the end ({duration(account.length - alert.event.at)})'
