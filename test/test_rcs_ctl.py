@@ -263,21 +263,26 @@ def test_a_stop_without_an_answer_says_what_is_known_when_interrupted_and_at_its
         assert 'USE THE MSR' in said
 
 
-def test_watch_goes_on_and_says_when_race_control_has_ended(
-    start_race_control: StartRaceControl,
+def test_a_watch_shows_the_race_until_it_ends_and_at_a_terminal_only_somebody_is_there(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
 ) -> None:
     control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    with start(control.domain, 'watch') as piped:
+        assert piped.stdout is not None
+        assert any('Race: ⌂ IN GARAGE' in line for line in piped.stdout)
+        assert official.node.count_publishers('/rcs/presence') == 0
+        piped.stdout.close()  # as by `head`: it ends without a word
+        assert piped.wait(PATIENCE) == ACCEPTED
+        assert piped.stderr is not None
+        assert not piped.stderr.read()
 
-    with start(control.domain, 'watch') as watch:
-        assert watch.stdout is not None
-        try:
-            assert any('Race: ⌂ IN GARAGE' in line for line in watch.stdout)
-            control.close()
-            said = next(line for line in watch.stdout if '***' in line)
-            assert 'RACE CONTROL HAS ENDED: NO STOP WORKS NOW' in said
-        finally:
-            watch.send_signal(signal.SIGINT)
-        assert watch.wait(PATIENCE) == ACCEPTED
+    with contextlib.closing(at_terminal(control.domain, 'watch')) as watch:
+        watch.wait_for('1 official can stop the race')
+        control.close()
+        watch.wait_for('RACE CONTROL HAS ENDED: NO STOP WORKS NOW')
+        watch.process.send_signal(signal.SIGINT)
+        assert watch.end() == ACCEPTED
 
 
 def test_corrections_go_to_the_timekeeper_and_no_stop_waits_for_one_that_is_frozen(
@@ -367,42 +372,51 @@ def test_every_answer_says_the_banner_so_that_no_rehearsal_is_taken_for_a_race(
 
 def test_a_whole_race_by_commands(desk: Desks, connect_kart: ConnectKart) -> None:
     control, official, lines = desk
-    kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
-    connect_kart(control, 2, Acknowledges.EACH_CHANGE)
-    official.wait_for_connected(1, 2)
+    kart = connect_kart(control, 2, Acknowledges.EACH_CHANGE)
+    connect_kart(control, 3, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(2, 3)
 
+    unknown = lines.run('heat', 'B')
+    assert (unknown.code, 'Heat A' in unknown.error) == (REFUSED, True)
     lines.accepted('join', '3')
     lines.accepted('leave', '3')
+    assert 'Final' in lines.accepted('heat', 'Final', '--official', 'B\x1bob\n')
+    official.wait_for_event(lambda event: event.official == f'Bob ({platform.node()})', 'by Bob')
+    shown = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE)).stdout
+    assert 'Heat A: 1, 2\n' in shown
+    assert 'Final: 2, 3  (in the race)' in shown
+    assert re.search(r'^1 .* ✗ NO LINK$', shown, re.MULTILINE)
     lines.accepted('open-track', '--no-race-anywhere')
     race = official.wait_for_race(lambda race: race.track.open, 'the track open')
-    grid_active = 'grid-active', '1', '2', '--track-is-clear'
+    assert [each.in_race for each in race.karts] == [False, True, True]
+    grid_active = 'grid-active', '2', '3', '--track-is-clear'
     asked = lines.run(*grid_active)
     line = asked.error.splitlines()[-1].partition('type: rcs_ctl ')[2].split()
     assert line == [*grid_active, '--closes', str(race.track.opening)]
     lines.accepted(*line)
-    official.wait_for_acks(RaceState.GRID_ACTIVE, 1, 2)
-    lines.accepted('green-green', '2', '1')
+    official.wait_for_acks(RaceState.GRID_ACTIVE, 2, 3)
+    lines.accepted('green-green', '3', '2')
     kart.wait_for_state(RaceState.GREEN_GREEN)
-    lines.accepted('kart-finish', '1')
-    lines.accepted('kart-red-flag', '2')
-    lines.accepted('kart-red-red', '2')
-    lines.accepted('red-flag')
-    lines.accepted('race-over')
-    official.wait_for_acks(RaceState.RED_RED, 1, 2)
+    for line in ('kart-finish 2', 'kart-red-flag 3', 'red-flag', 'race-over'):
+        lines.accepted(*line.split())
+    official.wait_for_acks(RaceState.RED_RED, 2, 3)
     lines.accepted('open-track', '--no-race-anywhere')
     lines.accepted('close-track')
-    lines.accepted('in-garage', '1', '2', '--track-is-safe')
+    lines.accepted('in-garage', '2', '3', '--track-is-safe')
     kart.wait_for_state(RaceState.IN_GARAGE)
-    lines.accepted(*grid_active)
-    lines.accepted('all-kill')
-    kart.wait_for_state(RaceState.RED_RED)
     lines.accepted('record-msr', '--msr-was-used')
-    official.wait_for_available('kart/in_garage', kart=3)
-    asked = lines.run('kart-in-garage', '3')
-    assert asked.error.endswith('type: rcs_ctl kart-in-garage 3 --made-safe-by-hand')
-    said = lines.accepted('kart-in-garage', '3', '--made-safe-by-hand')
-    assert 'Releases kart 3 (Team 3): RED RED' in said
-    assert 'Kart 3 (Team 3) is released' in said
+    kart.wait_for_state(RaceState.RED_RED)
+    official.wait_for_available('kart/in_garage', kart=1)
+    asked = lines.run('kart-in-garage', '1')
+    assert asked.error.endswith('type: rcs_ctl kart-in-garage 1 --made-safe-by-hand')
+    for number in (1, 2, 3):
+        said = lines.accepted('kart-in-garage', str(number), '--made-safe-by-hand')
+        assert f'Releases kart {number} (Team {number}): RED RED' in said
+        assert f'Kart {number} (Team {number}) is released' in said
+        official.wait_for_kart(number, lambda kart: not (kart.in_race or kart.hold_reason), 'out')
+    # The race goes to the garage also when no kart is left in it.
+    assert lines.run('in-garage').error.endswith('type: rcs_ctl in-garage --track-is-safe')
+    lines.accepted('in-garage', '--track-is-safe')
 
 
 TYPE = 'rcs_ctl grid-active 1 2 --track-is-clear'
@@ -475,19 +489,6 @@ def test_an_official_is_asked_for_a_name_once_at_a_terminal_only_and_never_befor
     assert kept.read_text() == 'Anna\n'
 
 
-def test_the_race_goes_to_the_garage_also_when_no_kart_is_left_in_it(desk: Desks) -> None:
-    _, official, lines = desk
-    lines.accepted('all-kill')
-    for number in (1, 2, 3):
-        lines.accepted('kart-in-garage', str(number), '--made-safe-by-hand')
-        official.wait_for_kart(number, lambda kart: not (kart.in_race or kart.hold_reason), 'out')
-
-    told = lines.run('in-garage')
-    assert told.code == USAGE
-    assert told.error.endswith('safe for humans, type: rcs_ctl in-garage --track-is-safe')
-    lines.accepted('in-garage', '--track-is-safe')
-
-
 def test_the_next_line_is_printed_as_make_takes_it(
     desk: Desks, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -496,46 +497,6 @@ def test_the_next_line_is_printed_as_make_takes_it(
     told = lines.run('grid-active', '--track-is-clear')
 
     assert 'make ctl ARGS="grid-active 1 2 --track-is-clear"' in told.error
-
-
-def test_a_heat_is_put_into_the_race_by_its_name_and_watch_lists_the_heats(desk: Desks) -> None:
-    control, official, lines = desk
-
-    said = lines.accepted('heat', 'Final', '--official', 'B\x1bob\n')
-    race = official.wait_for_race(lambda race: race.karts[2].in_race, 'the heat')
-    shown = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE))
-    unknown = lines.run('heat', 'B')
-
-    assert 'Final' in said
-    assert [kart.in_race for kart in race.karts] == [False, True, True]
-    assert 'Heat A: 1, 2\n' in shown.stdout
-    assert 'Final: 2, 3  (in the race)' in shown.stdout
-    assert re.search(r'^3 .* ✗ NO LINK$', shown.stdout, re.MULTILINE)
-    official.wait_for_event(lambda event: event.official == f'Bob ({platform.node()})', 'by Bob')
-    assert (unknown.code, 'Heat A' in unknown.error) == (REFUSED, True)
-
-
-def test_a_watch_says_that_somebody_is_there_at_a_terminal_but_not_through_a_pipe(
-    the_desk: Desk, join_official: JoinOfficial
-) -> None:
-    official = join_official(the_desk.control)
-    with start(the_desk.domain, 'watch') as piped:
-        assert piped.stdout is not None
-        assert any('Race: ' in line for line in piped.stdout)
-        assert official.node.count_publishers('/rcs/presence') == 0
-        piped.stdout.close()  # as by `head`: it ends without a word
-        assert piped.wait(PATIENCE) == ACCEPTED
-        assert piped.stderr is not None
-        assert not piped.stderr.read()
-
-    watch = at_terminal(the_desk.domain, 'watch')
-    reading = threading.Thread(target=watch.end)
-    reading.start()
-    seen = official.wait_for_race(lambda race: race.able_to_stop, 'somebody')
-    assert seen.able_to_stop == 1
-    watch.process.send_signal(signal.SIGINT)
-    reading.join(2 * PATIENCE)
-    assert not reading.is_alive()
 
 
 HANGS = """
