@@ -187,32 +187,42 @@ def test_the_release_of_a_kart_that_needs_the_msr_recedes_and_stays_possible() -
         assert all(each.enabled for each in recede)
 
 
-def test_who_can_stop_the_race_is_told_to_whoever_starts_it_and_makes_no_other_question() -> None:
-    screen = screen_of(able_to_stop=2, who_can_stop='Anna (window), button')
-    green, before = (each.button(CommandKind.GREEN_GREEN) for each in (screen, screen_of()))
-
-    told = '2 officials can stop the race: Anna (window), button'
-    assert green.question.caution == f'{told}.'
-    assert told in table(screen)
-    assert '0' not in before.question.caution
-    assert green.asks_the_same(before)
+RAN = RaceOfEvent(1, 'Heat 1', 50_700.0, 2, True)
+PRACTISED = RaceOfEvent(2, 'Practice', 60_700.0, 2, True)
+POOR = tuple(replace(KART, number=number, poor_lately=True) for number in (7, 3))
 
 
-def test_grid_active_asks_whether_a_heat_is_to_be_run_again_and_stays_the_same_question() -> None:
-    ran = RaceOfEvent(1, 'Heat 1', 50_700.0, 2, True)
-    practised = RaceOfEvent(2, 'Practice', 60_700.0, 2, True)
+@pytest.mark.parametrize(
+    ('command', 'results', 'changes', 'said'),
+    [
+        (CommandKind.GREEN_GREEN, None, {}, 'No official can stop the race: no screen or button'),
+        (
+            *(CommandKind.GREEN_GREEN, None, {'able_to_stop': 2, 'who_can_stop': 'Anna, button'}),
+            '2 officials can stop the race: Anna, button.',
+        ),
+        (CommandKind.GRID_ACTIVE, None, {'karts': POOR}, 'The link to kart 7 has been poor'),
+        (
+            *(CommandKind.GRID_ACTIVE, timing(races=(RAN, PRACTISED)), {'state': IN_GARAGE}),
+            f'Heat 1 has already been run, at {time_of_day(RAN.stamp)[:5]}. This run will count',
+        ),
+        (CommandKind.GRID_ACTIVE, timing(races=(RAN,)), {}, ''),  # this is that run
+        *(
+            (CommandKind.GRID_ACTIVE, timing(races=(other,)), {'state': IN_GARAGE}, '')
+            for other in (PRACTISED, RAN._replace(counts=False))
+        ),
+    ],
+)
+def test_what_a_question_cautions_against_makes_no_other_question(
+    command: CommandKind, results: Standings | None, changes: dict[str, Any], said: str
+) -> None:
+    offered = offers(Availability(command, True, karts=(7,)))
+    fields = {'commands': offered, 'karts': (KART, replace(KART, number=3)), 'heat': 'Heat 1'}
 
-    def asking(*ran: RaceOfEvent) -> Button:
-        screen = screen_of(timing(races=ran), state=IN_GARAGE, heat='Heat 1')
-        return screen.button(CommandKind.GRID_ACTIVE)
+    asked = screen_of(results, **fields | changes).button(command)
 
-    again, first = asking(ran, practised), asking(practised)
-    clock = time_of_day(ran.stamp)[:5]
-    said = f'Heat 1 has already been run, at {clock}. This run will count instead.'
-    assert again.question.caution == said
-    assert not first.question.caution
-    assert not asking(ran._replace(counts=False)).question.caution
-    assert again.asks_the_same(first)
+    assert asked.question.caution.startswith(said)
+    assert bool(asked.question.caution) is bool(said)
+    assert asked.asks_the_same(screen_of(**fields).button(command))
 
 
 def test_every_command_to_karts_and_about_the_track_has_a_button() -> None:

@@ -697,13 +697,10 @@ def test_every_stop_looks_like_one_and_only_the_next_step_is_filled_until_race_c
     for state, step in (
         (RaceState.IN_GARAGE, {'grid_active': 'next'}),
         (RaceState.GRID_ACTIVE, {'green_green': 'go'}),
-        (RaceState.RED_RED, {'in_garage': 'next'}),
         (RaceState.GREEN_GREEN, {}),
     ):
-        for alerts in ((), (alert(1),)):
-            console.tell(race_of(4, state, alerts=alerts))
-            filled = looks(lambda each: each.property('look') in ('next', 'go'))
-            assert filled == ({} if alerts else step)
+        console.tell(race_of(4, state))
+        assert looks(lambda each: each.property('look') in ('next', 'go')) == step
     assert 'all 4 karts' in console.text('kill_hint')
     assert '2 karts in the race' in console.text('grid_active')
     fine = TrackAccess(False, True, 'all are in IN GARAGE', False)
@@ -1223,25 +1220,6 @@ def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_mor
             assert texts.ANSWER_NO in console.told(console.press, key)
             assert not console.sent
         console.press('N')
-
-
-def test_a_link_that_was_poor_is_named_by_the_question_and_never_keeps_the_answer_back(
-    console: Console,
-) -> None:
-    offered = Availability(CommandKind.GRID_ACTIVE, True, statement='all clear', karts=(1, 2, 3))
-    poor = race_of(8, RaceState.IN_GARAGE, commands=offers(offered))
-    good = tuple(replace(kart, link=LINKS[1], poor_lately=False) for kart in poor.karts)
-    console.tell(poor)
-    console.press('F2')
-    assert 'kart 3 has been poor' in console.text('question_caution')  # 7 is not started
-    assert console.find('question_caution').isVisible()
-    yes = console.place('yes')
-    for race in (replace(poor, karts=good), poor):
-        console.tell(race)
-        assert console.place('yes') == yes
-    console.press('Y')
-
-    assert console.commands == [(CommandKind.GRID_ACTIVE, 0)]
 
 
 def test_the_same_key_at_once_is_one_press_and_a_slow_double_click_does_not_ask_to_undo(
