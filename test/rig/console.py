@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-import json
+import contextlib
+from multiprocessing import connection
 import os
 import pathlib
 import re
-import socket
 import sys
 import threading
 import time
@@ -30,6 +30,8 @@ from rig.screen import Screen
 DROPPED = 'while the window was not responding'
 CHANGED = 'list of karts just changed|Click again'
 """Of what the window says of a key or a click that it dropped."""
+
+OPEN = 'The probe of the window listens'
 
 SLOW = 3.0
 """Time after which a press was dropped with the same words as one before, in seconds."""
@@ -55,10 +57,6 @@ class Console(Program):
         self._asking: Callable[[], None] = lambda: None
         address = folder / f'probe{screen.display[1:]}'
         address.unlink(missing_ok=True)
-        listening = socket.socket(socket.AF_UNIX)
-        listening.bind(str(address))
-        listening.listen(1)
-        listening.settimeout(PATIENCE)
         super().__init__(
             'rcs_gui',
             [sys.executable, '-m', 'rig.console', str(address)],
@@ -72,14 +70,12 @@ class Console(Program):
                 **(environment or {}),
             },
         )
-        with listening:
-            try:
-                self._probe, _ = listening.accept()
-            except OSError:
-                self.close()
-                raise AssertionError(f'the window did not open:\n{self.output}') from None
-        self._probe.settimeout(PATIENCE)
-        self._lines = self._probe.makefile('r')
+        try:
+            self.wait_for_line(OPEN)
+            self._probe = connection.Client(str(address))
+        except BaseException:
+            self.close()
+            raise
 
     def wait_for(self, name: str, **wanted: object) -> dict[str, Any]:
         """
@@ -183,7 +179,7 @@ class Console(Program):
         self._ask(do='block')
 
     def go_on(self) -> None:
-        self._probe.sendall(json.dumps({'do': 'go on'}).encode() + b'\n')
+        self._probe.send({'do': 'go on'})
 
     def screenshot(self, path: pathlib.Path) -> None:
         """Write what the screen shows into a PNG file."""
@@ -193,19 +189,16 @@ class Console(Program):
     def close(self) -> int:
         """Close it in an orderly way, or by force if that takes too long; return its exit code."""
         code = super().close()
-        if hasattr(self, '_lines'):
-            self._lines.close()
+        if hasattr(self, '_probe'):
             self._probe.close()
         return code
 
     def _ask(self, **question: Any) -> Any:
-        try:
-            self._probe.sendall(json.dumps(question).encode() + b'\n')
-            line = self._lines.readline()
-        except OSError:
-            line = ''
-        assert line, f'the window does not answer:\n{self.output}'
-        return json.loads(line)
+        with contextlib.suppress(OSError, EOFError):
+            self._probe.send(question)
+            if self._probe.poll(PATIENCE):
+                return self._probe.recv()
+        raise AssertionError(f'the window does not answer:\n{self.output}')
 
 
 # ----- in the window's process ------------------------------------------------------------
@@ -218,8 +211,9 @@ def probe(window: Any, address: str) -> None:
     from evgp_rcs_console.alerts import AlertsArea
     from evgp_rcs_console.widgets import Text
 
-    talking = socket.socket(socket.AF_UNIX)
-    talking.connect(address)
+    listener = connection.Listener(address)
+    print(OPEN)
+    talking = listener.accept()
 
     def describe(widget: Any) -> dict[str, Any]:
         corner = widget.mapToGlobal(QtCore.QPoint(0, 0))
@@ -286,15 +280,12 @@ def probe(window: Any, address: str) -> None:
         count = Counter(memoryview(data).cast('I'))
         return [colour for colour, _ in count.most_common(most)]
 
-    def answer(value: Any) -> None:
-        talking.sendall(json.dumps(value).encode() + b'\n')
-
     def wait(name: str, wanted: dict[str, Any], until: float, before: Any = None) -> None:
         found = find(name)
         over = time.monotonic() > until
         # Twice the same: a layout that is on its way has places where nothing stays.
         if over or (fits(found, wanted) and found == before):
-            answer({'found': fits(found, wanted), 'widget': found})
+            talking.send({'found': fits(found, wanted), 'widget': found})
         else:
             QtCore.QTimer.singleShot(20, lambda: wait(name, wanted, until, found))
 
@@ -305,20 +296,22 @@ def probe(window: Any, address: str) -> None:
         if question['do'] == 'widgets':
             named = [each for each in window.findChildren(QtWidgets.QWidget) if each.isVisible()]
             found = {each.objectName(): describe(each) for each in named if each.objectName()}
-            answer(found | {f'kart_{each}': describe_row(each) for each in window.karts.numbers})
+            talking.send(
+                found | {f'kart_{each}': describe_row(each) for each in window.karts.numbers}
+            )
         elif question['do'] == 'wait':
             until = time.monotonic() + question['seconds']
             wait(question['name'], question['wanted'], until)
         elif question['do'] == 'block':
             going_on.clear()
-            answer(True)
+            talking.send(True)
             going_on.wait()
         elif question['do'] == 'screenshot':
             picture = QtGui.QGuiApplication.primaryScreen().grabWindow(0).toImage()
             few = picture.convertToFormat(
                 QtGui.QImage.Format.Format_Indexed8, colours(picture, 256)
             )
-            answer(few.save(question['path'], 'PNG', 0))
+            talking.send(few.save(question['path'], 'PNG', 0))
 
     going_on = threading.Event()
     asked = Asked()
@@ -326,8 +319,8 @@ def probe(window: Any, address: str) -> None:
     window.probe = asked
 
     def listen() -> None:
-        with talking.makefile('r') as lines:
-            for question in map(json.loads, lines):
+        with contextlib.suppress(EOFError):
+            while question := talking.recv():
                 if question['do'] == 'go on':
                     going_on.set()
                 else:
