@@ -5,9 +5,9 @@
 The quality of a connection, as the kernel sees it (§2.A, §4.D).
 
 `Answers`, `grade` and `parse` are pure: they take times and counts, and return round trips and
-grades. `make_prompt`, `read`, `unanswered`, `unread` and `unsent` use a socket, on Linux only. An
-*answer* comes from the kernel at the other end, whose TCP has received the bytes, whether or not
-the kart's program reads them.
+grades. `make_prompt`, `read`, `unanswered`, `unread` and `unsent` use a socket, which may be one of
+asyncio, on Linux only. An *answer* comes from the kernel at the other end, whose TCP has received
+the bytes, whether or not the kart's program reads them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ import socket
 import struct
 import sys
 import termios
-from typing import Protocol
 
 SIOCOUTQNSD = 0x894B
 """Linux's request for the number of unsent bytes; TIOCOUTQ also counts unanswered ones."""
@@ -116,20 +115,7 @@ def parse(data: bytes) -> TcpInfo | None:
     )
 
 
-class Socket(Protocol):
-    """The methods that this module needs from a socket; asyncio's sockets have them as well."""
-
-    def fileno(self) -> int:
-        """Return its file descriptor; -1 if it is closed."""
-
-    def setsockopt(self, level: int, option: int, value: int | bytes, /) -> None:
-        """Set an option."""
-
-    def getsockopt(self, level: int, option: int, size: int, /) -> bytes:
-        """Return an option, at most `size` bytes."""
-
-
-def make_prompt(link: Socket) -> None:
+def make_prompt(link: socket.socket) -> None:
     """Make a TCP socket prompt: no Nagle's algorithm, and quick retransmission."""
     link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     try:
@@ -143,7 +129,7 @@ def make_prompt(link: Socket) -> None:
     link.setsockopt(socket.IPPROTO_TCP, _TCP_THIN_LINEAR_TIMEOUTS, 1)
 
 
-def read(link: Socket) -> TcpInfo | None:
+def read(link: socket.socket) -> TcpInfo | None:
     """Return the kernel's data about a connection; None if it is closed or the kernel too old."""
     try:
         return parse(link.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _ENOUGH))
@@ -151,7 +137,7 @@ def read(link: Socket) -> TcpInfo | None:
         return None
 
 
-def unanswered(link: Socket) -> int:
+def unanswered(link: socket.socket) -> int:
     """
     Return the number of bytes that the other end's TCP has not answered.
 
@@ -160,7 +146,7 @@ def unanswered(link: Socket) -> int:
     return _in_kernel(link, termios.TIOCOUTQ)
 
 
-def unsent(link: Socket) -> int:
+def unsent(link: socket.socket) -> int:
     """
     Return the number of bytes that the kernel has not sent yet.
 
@@ -169,7 +155,7 @@ def unsent(link: Socket) -> int:
     return _in_kernel(link, SIOCOUTQNSD)
 
 
-def unread(link: Socket) -> int:
+def unread(link: socket.socket) -> int:
     """
     Return the number of bytes that have arrived but were not read yet.
 
@@ -178,7 +164,7 @@ def unread(link: Socket) -> int:
     return _in_kernel(link, termios.FIONREAD)
 
 
-def _in_kernel(link: Socket, which: int) -> int:
+def _in_kernel(link: socket.socket, which: int) -> int:
     return int.from_bytes(fcntl.ioctl(link.fileno(), which, _COUNT), sys.byteorder)
 
 
