@@ -219,20 +219,6 @@ def test_every_run_of_a_heat_is_kept_and_an_official_says_which_one_counts(event
     assert not event.correct(Act.CHOOSE, race=2)
 
 
-def test_a_correction_may_concern_an_earlier_race(event: Event) -> None:
-    event.start('Heat 1', 1, 2)
-    event.lap(2, 2, 1)
-    event.tell(What.OVER)
-    event.start('Heat 2', 3)
-    assert event.correct(Act.PENALISE, 2, race=1, disqualified=True, reason='cut the chicane')
-    assert [each.kart for each in event.desk.races[0].laps.results] == [1, 2]
-    assert event.desk.best(Format.RACE)[0].kart == 1
-    of_first = event.desk.standings(event.now, event.desk.races[0])
-    assert [(each.kart, len(each.penalties)) for each in of_first.karts] == [(1, 0), (2, 1)]
-    assert event.correct(Act.UNDO_PENALTY, 2, race=1)
-    assert event.desk.grids()['Final'] == (2, 1, 3)
-
-
 @pytest.mark.parametrize(
     'asked',
     [
