@@ -29,7 +29,6 @@ from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs.rules.inputs import Recovered
 from evgp_rcs.rules.race import Command, Doubt, KartMemory, LastRun, NO_RACE_ANYWHERE, RaceMemory
 from evgp_rcs.rules.snapshot import Snapshot, snapshot_of
-from evgp_rcs.words import STATUS
 from evgp_rcs_console import results, texts
 from evgp_rcs_console.client import request_message
 from evgp_rcs_console.commands import Given, shows
@@ -304,7 +303,7 @@ def check_records(record: pathlib.Path, last: list[Timed]) -> None:
         said = [each.karts for _, each in sorted(timed.said.items()) if each.karts]
         for shown, karts in zip(tables(html, 'order results'), said, strict=False):
             assert [(place, laps, status) for place, _, laps, *_, status in shown] == [
-                (f'{kart.place}.' if kart.place else '-', str(kart.laps), STATUS[kart.status])
+                (f'{kart.place}.' if kart.place else '-', str(kart.laps), kart.status.value)
                 for kart in karts
             ]
         text = re.sub('<[^>]*>', '', html)

@@ -32,7 +32,6 @@ from evgp_rcs.words import (
     numbered,
     STATE_CELLS,
     STATES,
-    STATUS,
     time_of_day,
     Tone,
 )
@@ -144,7 +143,7 @@ def results(heard: Heard) -> Shown:
                 'kart': each.kart,
                 'team': teams.get(each.kart, ''),
                 'cells': [each.laps, lap_time(each.total), lap_time(each.best)],
-                'note': '; '.join(filter(None, [STATUS[each.status], *_taken(each)])),
+                'note': '; '.join(filter(None, [each.status.value, *_taken(each)])),
                 'more': '  '.join(map(lap_time, each.lap_times)),
             }
             for each in results.karts
@@ -261,8 +260,8 @@ def _gap(result: KartResult, results: Standings) -> str:
 
 def _taken(result: KartResult) -> list[str]:
     """Return the penalties in a result, without reasons, names and what its status says."""
-    status = STATUS[result.status]
-    return [cost for each in result.penalties for cost in each.costs if cost != status]
+    costs = (cost for each in result.penalties for cost in each.costs)
+    return [cost for cost in costs if cost != result.status.value]
 
 
 def _does(kart: KartSnapshot, result: KartResult, results: Standings) -> str:

@@ -106,13 +106,17 @@ class Penalty(NamedTuple):
 
 
 class Status(enum.Enum):
-    """The status of a kart in the results. With ``DNF`` and those after it, it has no place."""
+    """
+    The status of a kart in the results. With ``DNF`` and those after it, it has no place.
 
-    RUNNING = 'RUNNING'
-    CLASSIFIED = 'CLASSIFIED'
-    DNF = 'DNF'
-    NOT_CLASSIFIED = 'NOT_CLASSIFIED'
-    DISQUALIFIED = 'DISQUALIFIED'
+    Screens and reports show the values.
+    """
+
+    RUNNING = ''
+    CLASSIFIED = 'classified'
+    DNF = 'did not finish'
+    NOT_CLASSIFIED = 'no lap'
+    DISQUALIFIED = 'disqualified'
 
 
 class KartResult(NamedTuple):
@@ -128,6 +132,13 @@ class KartResult(NamedTuple):
     def best(self) -> float | None:
         """Return the kart's best lap time, in seconds; None if the kart has no lap."""
         return min(self.lap_times, default=None)
+
+    @property
+    def remarks(self) -> list[str]:
+        """Return the kart's status and its penalties with their reasons, as texts."""
+        # The penalty says that a kart is disqualified, and why.
+        status = '' if self.status is Status.DISQUALIFIED else self.status.value
+        return [*filter(None, (status, *map(str, self.penalties)))]
 
     @property
     def last(self) -> float | None:

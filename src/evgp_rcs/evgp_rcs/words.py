@@ -15,7 +15,6 @@ import math
 import time
 from typing import NamedTuple
 
-from evgp_node.results import Status
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
@@ -84,15 +83,6 @@ ALL_LOST = Cell('✗ ALL KARTS LOST', Tone.BAD)
 NONE_CONNECTED = Cell('? NO KART CONNECTED', Tone.WAIT)
 
 LINKS = {each: each.value for each in Grade} | {Grade.UNKNOWN: '✓ linked'}
-
-STATUS = {
-    Status.RUNNING: '',
-    Status.CLASSIFIED: 'classified',
-    Status.DNF: 'did not finish',
-    Status.NOT_CLASSIFIED: 'no lap',
-    Status.DISQUALIFIED: 'disqualified',
-}
-"""Texts for the timekeeper's status of a kart."""
 
 
 def headline(race: Snapshot) -> Cell:

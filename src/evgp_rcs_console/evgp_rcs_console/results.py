@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 import shlex
 
-from evgp_node.results import KartResult, lap_time, Mark, Standings, Status
-from evgp_rcs.words import STATUS, time_of_day
+from evgp_node.results import KartResult, lap_time, Mark, Standings
+from evgp_rcs.words import time_of_day
 from evgp_rcs_console import texts
 
 _HEADINGS = ('', 'Kart', 'Team', 'Laps', 'Total', 'Last', 'Best', 'Status, penalties')
@@ -31,12 +31,9 @@ def has_crossed(results: Standings, number: int) -> bool:
 
 
 def _row(kart: KartResult, team: str) -> tuple[str, ...]:
-    # The penalty says that a kart is disqualified, and why.
-    status = '' if kart.status is Status.DISQUALIFIED else STATUS[kart.status]
-    notes = filter(None, (status, *map(str, kart.penalties)))
     times = map(lap_time, (kart.total, kart.last, kart.best))
     place = f'{kart.place}.' if kart.place else ''
-    return place, str(kart.kart), team, str(kart.laps), *times, '; '.join(notes)
+    return place, str(kart.kart), team, str(kart.laps), *times, '; '.join(kart.remarks)
 
 
 def title(results: Standings) -> str:

@@ -50,7 +50,6 @@ CORRECTIONS: dict[Act, Entry] = {
         f'{OF_TIMEKEEPER}kart/penalise',
         to_one_kart=True,
         takes=('seconds', 'laps', 'disqualified', 'reason', 'race'),
-        word='penalise',
     ),
     Act.UNDO_PENALTY: Entry(
         'UNDO PENALTY',
@@ -58,7 +57,6 @@ CORRECTIONS: dict[Act, Entry] = {
         f'{OF_TIMEKEEPER}kart/undo_penalty',
         to_one_kart=True,
         takes=('race',),
-        word='undo-penalty',
     ),
     Act.CHOOSE: Entry(
         'COUNT THIS RACE',

@@ -28,12 +28,6 @@ from evgp_node.results import (
 HEADINGS = ('POS', 'KART', 'TEAM', 'LAPS', 'TIME', 'GAP', 'BEST', 'LAST', 'STATUS')
 """The headings of the results."""
 
-_STATUS = {
-    Status.CLASSIFIED: 'finished',
-    Status.DNF: 'did not finish',
-    Status.NOT_CLASSIFIED: 'no lap',
-    Status.DISQUALIFIED: '',  # the penalty shows it
-}
 _MARKS = {
     Mark.DOUBTFUL: 'doubtful: too soon after the last crossing',
     Mark.NOT_COUNTED: 'not counted',
@@ -133,7 +127,7 @@ def rows(results: Standings, teams: Mapping[int, str]) -> list[Row]:
                 results.behind(kart.kart),
                 lap_time(kart.best),
                 lap_time(kart.last),
-                '; '.join(filter(None, (_status(kart), *map(str, kart.penalties)))),
+                '; '.join((*_lap(kart), *kart.remarks)),
             ),
             bool(kart.penalties),
         )
@@ -141,10 +135,8 @@ def rows(results: Standings, teams: Mapping[int, str]) -> list[Row]:
     ]
 
 
-def _status(kart: KartResult) -> str:
-    if kart.status is Status.RUNNING:
-        return f'lap {len(kart.lap_times) + 1}'
-    return _STATUS[kart.status]
+def _lap(kart: KartResult) -> list[str]:
+    return [f'lap {len(kart.lap_times) + 1}'] * (kart.status is Status.RUNNING)
 
 
 def crossings(results: Standings) -> Iterator[Crossing]:

@@ -88,7 +88,7 @@ def test_a_row_has_what_the_timekeeper_says_of_a_kart() -> None:
     first, second = view.rows(results, TEAMS)
     assert first.cells == (
         *('1', '7', 'Purdue', '3', '2:00.750', ''),
-        *('0:39.500', '0:39.500', 'finished'),
+        *('0:39.500', '0:39.500', 'classified'),
     )
     assert second.cells == (
         *('2', '3', 'Georgia Tech', '1', '0:42.000', '+2 laps'),

@@ -76,9 +76,7 @@ def _template() -> Template:
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
     )
     environment.filters.update(plain=plain, name=wording.name, hash=_hash, count=_count)
-    environment.globals.update(
-        duration=duration, numbered=words.numbered, STATUS=words.STATUS, wording=wording
-    )
+    environment.globals.update(duration=duration, numbered=words.numbered, wording=wording)
     return environment.from_string(_file('page.html.j2'))
 
 
