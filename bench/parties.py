@@ -5,40 +5,38 @@
 
 from __future__ import annotations
 
-import json
+from multiprocessing.connection import Connection
+import resource
+import selectors
 import socket
-import sys
 import time
 from typing import Any
 
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
+from evgp_testing.race_control import address_of
+from evgp_testing.wire_kart import KartLink
 
 
-def tell(value: object) -> None:
-    """Answer with one line of JSON."""
-    print(json.dumps(value), flush=True)
-
-
-def floor(count: int) -> None:
-    """Write a state to every socket in a bare loop, when told to; answer with when it began."""
+def floor(bench: Connection, count: int) -> None:
+    """Write each state that the bench sends to every socket in a bare loop; say when it began."""
     with socket.create_server(('127.0.0.1', 0), backlog=4096) as listening:
-        tell(listening.getsockname()[1])
+        bench.send(listening.getsockname()[1])
         karts = []
         while len(karts) < count:
             kart, _ = listening.accept()
             kart.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             karts.append(kart)
-        tell('ready')
-        for line in sys.stdin:
-            frame = encode(RaceState[line.strip()])
+        bench.send('ready')
+        while True:
+            frame = encode(bench.recv())
             began = time.monotonic()
             for kart in karts:
                 kart.send(frame)
-            tell(began)
+            bench.send(began)
 
 
-def service(domain: int) -> None:
+def service(bench: Connection, domain: int) -> None:
     """Offer a bare ROS service."""
     import rclpy
     from rclpy.node import Node
@@ -51,9 +49,47 @@ def service(domain: int) -> None:
     rclpy.init(domain_id=domain)
     node = Node('bare')
     node.create_service(Trigger, '/bare', serve)
-    tell('ready')
+    bench.send('ready')
     rclpy.spin(node)
 
 
-if __name__ == '__main__':
-    {'floor': floor, 'service': service}[sys.argv[1]](int(sys.argv[2]))
+def crowd(bench: Connection, port: int, count: int, acknowledges: bool) -> None:
+    """
+    Be plain karts 1 to N. For each state that the bench sends, say once all have seen it when.
+
+    That is the monotonic time (s) at which the last of them had read the first frame of it.
+
+    What a kart acknowledges while a state is watched for it says when all have seen the state:
+    each would have a processor of its own, and none takes time from another that reads.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, max(soft, count + 100)), hard))
+    selector = selectors.DefaultSelector()
+    karts = [KartLink(address_of(number), ('127.0.0.1', port)) for number in range(1, count + 1)]
+    for kart in karts:
+        kart.socket.setblocking(False)
+        selector.register(kart.socket, selectors.EVENT_READ, kart)
+    selector.register(bench, selectors.EVENT_READ)
+    unsaid: list[KartLink] = []
+    wanted: RaceState | None = None
+    bench.send('ready')
+    while True:
+        for key, _ in selector.select():
+            kart = key.data
+            if kart is None:
+                wanted = bench.recv()
+                continue
+            heard = kart.take()
+            if heard is None:
+                selector.unregister(kart.socket)
+            elif acknowledges:
+                unsaid += [kart for _, change in heard if change]
+        if wanted and any(each.state is not wanted for each in karts):
+            continue
+        if wanted:
+            bench.send(max(each.changes[-1][0] for each in karts))
+            wanted = None
+        for each in unsaid:
+            assert each.state is not None
+            each.say(each.state)
+        unsaid.clear()

@@ -13,73 +13,54 @@ import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
 import contextlib
 import gc
-import json
+import multiprocessing
+from multiprocessing.connection import Connection
 import os
 import pathlib
 import platform
 import random
 import signal
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
-from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl
+import parties
 from std_srvs.srv import Trigger
-
-HERE = pathlib.Path(__file__).parent
 
 RED_RED, IN_GARAGE = RaceState.RED_RED, RaceState.IN_GARAGE
 
-
-class Party:
-    """A process of bench/ that answers each line with a line."""
-
-    def __init__(self, script: str, *arguments: object) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, str(HERE / script), *map(str, arguments)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-
-    def hear(self) -> Any:
-        """Return its next answer."""
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        assert line, f'{self._process.args} ended'
-        return json.loads(line)
-
-    def tell(self, *words: object) -> None:
-        """Send it a line."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(' '.join(map(str, words)) + '\n')
-        self._process.stdin.flush()
-
-    def __enter__(self) -> Party:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self._process.kill()
-        self._process.communicate()
+SPAWN = multiprocessing.get_context('spawn')
 
 
 @contextlib.contextmanager
-def racing(folder: pathlib.Path, count: int) -> Iterator[tuple[RaceControl, Official, Party]]:
+def party(acts: Callable[..., None], *arguments: object) -> Iterator[Connection]:
+    """Run a function of parties.py in a process of its own, and provide the connection to it."""
+    here, there = SPAWN.Pipe()
+    process = SPAWN.Process(target=acts, args=(there, *arguments))
+    process.start()
+    there.close()  # so that an end of the process ends the connection
+    try:
+        yield here
+    finally:
+        process.kill()
+        process.join()
+
+
+@contextlib.contextmanager
+def racing(folder: pathlib.Path, count: int) -> Iterator[tuple[RaceControl, Official, Connection]]:
     """Run race control, an official, and this number of karts."""
     own = pathlib.Path(tempfile.mkdtemp(dir=folder))
     with (
         Domain() as domain,
         RaceControl(own, domain.number, range(1, count + 1)) as control,
         Official(domain.number) as official,
-        Party('crowd.py', control.port, count, 'acknowledge') as crowd,
+        party(parties.crowd, control.port, count, True) as crowd,
     ):
-        assert crowd.hear() == 'ready'
+        assert crowd.recv() == 'ready'
         official.wait_for_race(
             lambda race: all(kart.connected for kart in race.karts), 'every kart connected'
         )
@@ -145,13 +126,13 @@ def stop_latency_of(
 def floor_latency(count: int, times: int) -> list[float]:
     """Return the times of a bare loop, s."""
     with (
-        Party('parties.py', 'floor', count) as writer,
-        Party('crowd.py', writer.hear(), count, 'mute') as crowd,
+        party(parties.floor, count) as writer,
+        party(parties.crowd, writer.recv(), count, False) as crowd,
     ):
-        assert crowd.hear() == 'ready'
-        assert writer.hear() == 'ready'
+        assert crowd.recv() == 'ready'
+        assert writer.recv() == 'ready'
         return [
-            timed(crowd, state, lambda state=state: (writer.tell(state.name), writer.hear())[1])
+            timed(crowd, state, lambda state=state: (writer.send(state), writer.recv())[1])
             for state in (IN_GARAGE, RED_RED) * times
         ][1::2]
 
@@ -162,16 +143,16 @@ def rest() -> None:
 
 
 def timed(
-    crowd: Party, state: RaceState, send: Callable[[], float], at_rest: bool = True
+    crowd: Connection, state: RaceState, send: Callable[[], float], at_rest: bool = True
 ) -> float:
     """Return the time from sending a state until the last kart saw it, s."""
-    crowd.tell('watch', state.name)
+    crowd.send(state)
     if at_rest:
         rest()
     else:
-        time.sleep(0.01)  # the crowd gets the line before the frames
+        time.sleep(0.01)  # the crowd gets the word before the frames
     began = send()
-    read: float = crowd.hear()
+    read: float = crowd.recv()
     return read - began
 
 
@@ -201,12 +182,12 @@ def whole_latency(
         return seen[1:], answered[1:]
 
 
-def bring_home(official: Official, crowd: Party, acknowledged: bool) -> None:
+def bring_home(official: Official, crowd: Connection, acknowledged: bool) -> None:
     """Give IN_GARAGE as soon as it is allowed, and wait until all karts have it."""
-    crowd.tell('watch', IN_GARAGE.name)
+    crowd.send(IN_GARAGE)
     while not official.call('in_garage', track_safe=True).success:
         time.sleep(0.02)  # refused while acknowledgements are missing
-    crowd.hear()
+    crowd.recv()
     if acknowledged:
         official.wait_for_race(
             lambda race: all(kart.acknowledged for kart in race.karts), 'every acknowledgement'
@@ -217,10 +198,10 @@ def bare_call(times: int) -> list[float]:
     """Return the times of a bare service call between two processes, s."""
     with (
         Domain() as domain,
-        Party('parties.py', 'service', domain.number) as party,
+        party(parties.service, domain.number) as other,
         Official(domain.number) as official,
     ):
-        assert party.hear() == 'ready'
+        assert other.recv() == 'ready'
         client = official.node.create_client(Trigger, '/bare')
         result = []
         for _ in range(times + 10):
