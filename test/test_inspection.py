@@ -15,7 +15,6 @@ import json
 import os
 import pathlib
 import re
-import shlex
 import shutil
 import socket
 import subprocess
@@ -48,12 +47,6 @@ UNATTENDED = ['--unattended', '--word', 'ready']
 
 ATTEMPTS = 5
 """Maximum number of inspections of the same, while other programs hold this computer up."""
-
-
-def inspection(report: pathlib.Path, *words: str, domain: int | None = None) -> Program:
-    """Start an inspection; it prints the port at which it waits."""
-    command = [*INSPECT, *SHORT, '--report', str(report), *words]
-    return Program('inspect_kart', command, domain)
 
 
 def port_of(program: Program) -> int:
@@ -89,87 +82,48 @@ def undisturbed(
     pytest.fail(f'This computer was busy with something else {ATTEMPTS} times.')
 
 
-def wait_to_end(program: Program) -> int:
-    """Return the exit code; an inspection takes longer than other programs' ends."""
-    program.process.wait(200)
-    return program.wait()
-
-
-def kills(folder: pathlib.Path, **programs: Program) -> None:
-    """Write down the programs that the inspection kills."""
-    for part, program in programs.items():
-        (folder / part).write_text(f'{program.pid}', encoding='utf-8')
-
-
-def killing(folder: pathlib.Path) -> list[str]:
-    """Return the options with which the inspection kills the programs written down."""
-    return [
-        word
-        for part in ('bridge', 'stack')
-        for word in (f'--kill-{part}', f'kill -9 $(cat {shlex.quote(str(folder / part))})')
-    ]
-
-
-@pytest.mark.early
-@pytest.mark.timeout(400)
-@pytest.mark.parametrize(
-    'busy',
-    [
-        pytest.param(0, id='alone'),
-        pytest.param(os.cpu_count() or 1, id='busy', marks=[pytest.mark.long, pytest.mark.alone]),
-    ],
-)
-def test_our_bridge_with_the_stack_of_readme_passes_every_clause(
-    busy: int, tmp_path: pathlib.Path
+def start_bridge(
+    parts: contextlib.ExitStack, program: Program, domain: int, folder: pathlib.Path
 ) -> None:
-    """Also with a program on every core that does nothing but use it."""
+    """Start our bridge with the stack of README, and the bridge again when it was killed."""
+    port = port_of(program)
 
-    def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
-        for _ in range(busy):
-            parts.callback(Program('busy', [sys.executable, '-c', 'while True: pass']).kill)
-        domain = parts.enter_context(Domain()).number
-        words = ['--odometry', 'ros:/odom', *UNATTENDED, *killing(tmp_path)]
-        program = parts.enter_context(inspection(folder, *words, domain=domain))
-        port = port_of(program)
+    def start_it() -> Bridge:
+        remap = ('-r', '~/odom:=/odom')
+        return parts.enter_context(Bridge(domain, port, address_of(1), arguments=remap))
 
-        def start_bridge() -> Bridge:
-            remap = ('-r', '~/odom:=/odom')
-            return parts.enter_context(Bridge(domain, port, address_of(1), arguments=remap))
-
-        bridge = start_bridge()
-        parts.enter_context(SimulatedBase(domain, odometry_rate=20.0))
-        stack = parts.enter_context(Process('evgp_kart_bridge', 'shortest_stack', domain))
-        kills(tmp_path, bridge=bridge, stack=stack)
-        # An inspection that this computer holds up may end before it kills the bridge.
-        while bridge.process.poll() is None and program.process.poll() is None:
-            time.sleep(0.1)
-        if program.process.poll() is None:
-            start_bridge()  # as make bridge does
-        return wait_to_end(program)
-
-    report, code = undisturbed(tmp_path, inspect)
-    assert those(report, 'fail') == {}
-    assert those(report, 'not judged') == {}
-    assert code == 0
+    bridge = start_it()
+    parts.enter_context(SimulatedBase(domain, odometry_rate=20.0))
+    stack = parts.enter_context(Process('evgp_kart_bridge', 'shortest_stack', domain))
+    for part, killed in (('bridge', bridge), ('stack', stack)):
+        (folder / part).write_text(f'{killed.pid}', encoding='utf-8')
+    # An inspection that this computer holds up may end before it kills the bridge.
+    while bridge.process.poll() is None and program.process.poll() is None:
+        time.sleep(0.1)
+    if program.process.poll() is None:
+        start_it()  # as make bridge does
 
 
-# Whose wheels are turned by the very program that is to be killed.
-KILLED = {'K-3E-09', 'K-3E-10'}
+def start_kart(parts: contextlib.ExitStack, command: list[str], udp: int = 0) -> None:
+    """Start a kart that writes its speed to descriptor 9, which is UDP, or nothing."""
+    to = f'/dev/udp/127.0.0.1/{udp}' if udp else '/dev/null'
+    kart = ['bash', '-c', f'exec 9> {to}; exec "$@"', 'bash', *command]
+    parts.callback(Program('kart', kart).kill)
 
 
-def client_of_the_document(port: int, udp: int) -> str:
-    """Return the client of docs/wire.md, with wheels whose speed it sends as odometry."""
-    wheels = f"""
+def client(port: int, folder: pathlib.Path) -> list[str]:
+    """Return the client of docs/wire.md, with wheels."""
+    wheels = """
+import os
 import threading
-wheels = {{'speed': 0.0, 'target': 0.0, 'braking': 0.2}}
+wheels = {'speed': 0.0, 'target': 0.0, 'braking': 0.2}
 
 
 def turn():
-    told = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     while True:
         change = wheels['target'] - wheels['speed']
         wheels['speed'] += max(-wheels['braking'], min(0.2, change))
-        told.sendto(b'%f' % wheels['speed'], ('127.0.0.1', {udp}))
+        os.write(9, b'%f' % wheels['speed'])
         time.sleep(0.02)
 
 
@@ -182,7 +136,26 @@ def drive(state):
 threading.Thread(target=turn, daemon=True).start()
 """
     begin = '\nwhile True:\n    drive('
-    return client_at(port).replace(begin, f'{wheels}{begin}')
+    return [sys.executable, '-c', client_at(port).replace(begin, f'{wheels}{begin}')]
+
+
+def c_kit(port: int, folder: pathlib.Path) -> list[str]:
+    """Compile kit/c's example for POSIX."""
+    compiler = next(filter(None, map(shutil.which, ('gcc', 'clang'))), None)
+    if compiler is None:
+        cannot_run('there is neither gcc nor clang')
+    before, turn, after = (
+        (ROOT / 'kit/c/examples/posix.c')
+        .read_text(encoding='utf-8')
+        .partition('static void wait_for_turn(void)\n{\n')
+    )
+    assert turn, 'the example has another loop'
+    source, program = folder / 'posix.c', folder / 'posix'
+    tell = '    (void)dprintf(9, "%f\\n", speed);\n'
+    source.write_text(f'{before}{turn}{tell}{after}', encoding='utf-8')
+    command = [compiler, '-std=c99', '-Wall', '-Werror', f'-I{ROOT / "kit/c"}', str(source)]
+    subprocess.run([*command, '-o', str(program)], check=True)
+    return [str(program), '127.0.0.1', f'{port}', address_of(1)]
 
 
 def free_udp_port() -> int:
@@ -191,65 +164,58 @@ def free_udp_port() -> int:
         return int(found.getsockname()[1])
 
 
-def start_client(port: int, udp: int, folder: pathlib.Path | None = None) -> Program:
-    return Program('client', [sys.executable, '-c', client_of_the_document(port, udp)])
+UDP = ['--odometry', 'udp:{udp}']
+ROS = ['--odometry', 'ros:/odom']
+ROS += ['--kill-bridge', "kill -9 $(cat '{folder}/bridge')"]
+ROS += ['--kill-stack', "kill -9 $(cat '{folder}/stack')"]
 
-
-def start_c_kit(port: int, udp: int, folder: pathlib.Path) -> Program:
-    """Compile and start kit/c's example for POSIX, with its speed sent as odometry."""
-    compiler = next(filter(None, map(shutil.which, ('gcc', 'clang'))), None)
-    if compiler is None:
-        cannot_run('there is neither gcc nor clang')
-    text = (ROOT / 'kit/c/examples/posix.c').read_text(encoding='utf-8')
-    before, turn, after = text.partition('static void wait_for_turn(void)\n{\n')
-    assert turn, 'the example has another loop'
-    tell = f"""static void tell_speed(void)
-{{
-    static int told = -1;
-    struct sockaddr_in to;
-    char line[32];
-    if (told < 0) {{
-        told = socket(AF_INET, SOCK_DGRAM, 0);
-    }}
-    memset(&to, 0, sizeof to);
-    to.sin_family = AF_INET;
-    to.sin_port = htons({udp});
-    to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    (void)snprintf(line, sizeof line, "%f\\n", speed);
-    (void)sendto(told, line, strlen(line), 0, (struct sockaddr *)&to, sizeof to);
-}}
-
-"""
-    source = folder / 'posix.c'
-    source.write_text(f'{before}{tell}{turn}    tell_speed();\n{after}', encoding='utf-8')
-    program = folder / 'posix'
-    command = [compiler, '-std=c99', '-Wall', '-Werror', f'-I{ROOT / "kit/c"}', str(source)]
-    subprocess.run([*command, '-o', str(program)], check=True)
-    return Program('posix', [str(program), '127.0.0.1', f'{port}', address_of(1)])
+KILLED = {'K-3E-09', 'K-3E-10'}
+"""The clauses of a kart whose wheels are turned by the very program that is to be killed."""
 
 
 @pytest.mark.early
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize(
-    ('start', 'race'), [(start_client, []), (start_c_kit, []), (start_client, ['--race'])]
+    ('kart', 'words', 'busy', 'not_judged'),
+    [
+        pytest.param(None, ROS, 0, set(), id='bridge'),
+        # Also with a program on every core that does nothing but use it.
+        pytest.param(
+            *(None, ROS, os.cpu_count() or 1, set()),
+            id='bridge-busy',
+            marks=[pytest.mark.long, pytest.mark.alone],
+        ),
+        pytest.param(client, UDP, 0, KILLED, id='client'),
+        pytest.param(c_kit, UDP, 0, KILLED, id='c-kit'),
+        pytest.param(client, [*UDP, '--race'], 0, set(), id='client-race'),
+    ],
 )
-def test_a_kart_without_ros_passes_every_clause_but_that_nobody_kills_it(
-    start: Callable[[int, int, pathlib.Path], Program], race: list[str], tmp_path: pathlib.Path
+def test_a_good_kart_with_or_without_ros_passes_every_clause_but_that_nobody_kills_it(
+    kart: Callable[[int, pathlib.Path], list[str]] | None,
+    words: list[str],
+    busy: int,
+    not_judged: set[str],
+    tmp_path: pathlib.Path,
 ) -> None:
-    """Also where only a race is staged, which says that it is no inspection."""
-
     def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
-        udp = free_udp_port()
-        words = [*race, '--odometry', f'udp:{udp}', *UNATTENDED]
-        program = parts.enter_context(inspection(folder, *words))
-        parts.callback(start(port_of(program), udp, tmp_path).kill)
-        return wait_to_end(program)
+        for _ in range(busy):
+            parts.callback(Program('busy', [sys.executable, '-c', 'while True: pass']).kill)
+        domain, udp = parts.enter_context(Domain()).number, free_udp_port()
+        given = [each.format(udp=udp, folder=tmp_path) for each in words]
+        command = [*INSPECT, *SHORT, '--report', str(folder), *UNATTENDED, *given]
+        program = parts.enter_context(Program('inspect_kart', command, domain))
+        if kart is None:
+            start_bridge(parts, program, domain, tmp_path)
+        else:
+            start_kart(parts, kart(port_of(program), tmp_path), udp)
+        program.process.wait(200)  # longer than other programs' ends
+        return program.wait()
 
     report, code = undisturbed(tmp_path, inspect)
     assert those(report, 'fail') == {}
-    assert set(those(report, 'not judged')) == (set() if race else KILLED)
-    assert (report['verdict'], code) == (('pass', 0) if race else ('not judged', 2))
-    assert ('not an inspection' in ' '.join(report['remarks'])) is bool(race)
+    assert set(those(report, 'not judged')) == not_judged
+    assert (report['verdict'], code) == (('not judged', 2) if not_judged else ('pass', 0))
+    assert ('not an inspection' in ' '.join(report['remarks'])) is ('--race' in words)
 
 
 class Inspector(Terminal):
@@ -297,7 +263,7 @@ def test_an_inspector_who_sees_the_wheels_turn_after_a_stop_fails_the_kart(
     terminal = at_terminal('--only', 'K-3A-10', '--inspector', 'Ada <&>', '--number', '7')
     terminal.press('ready\n')
     port = int(terminal.wait_for(r'on port (\d+)')[1])
-    parts.callback(start_client(port, free_udp_port()).kill)
+    start_kart(parts, client(port, tmp_path))
     terminal.answer = 'n'
     assert terminal.end() == 2
     report = report_in(tmp_path)
@@ -328,12 +294,12 @@ def test_a_kart_without_an_inspection_stays_out_of_the_race(
 
 
 def test_the_space_bar_stops_the_kart_and_ends_the_inspection(
-    at_terminal: Callable[..., Inspector], parts: contextlib.ExitStack
+    at_terminal: Callable[..., Inspector], parts: contextlib.ExitStack, tmp_path: pathlib.Path
 ) -> None:
     terminal = at_terminal('--only', 'K-3A-05', '--drive', '60')
     terminal.press('ready\n')
     port = int(terminal.wait_for(r'on port (\d+)')[1])
-    parts.callback(start_client(port, free_udp_port()).kill)
+    start_kart(parts, client(port, tmp_path))
     terminal.wait_for('DRIVES NOW')
     began = time.monotonic()
     terminal.press(' ')
