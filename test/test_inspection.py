@@ -219,27 +219,23 @@ def test_a_good_kart_with_or_without_ros_passes_every_clause_but_that_nobody_kil
 
 
 class Inspector(Terminal):
-    """An inspector at a terminal, who gives one answer to all that is asked."""
+    """An inspector who has typed the word, and gives one answer to all that is asked."""
 
-    def __init__(self, command: list[str]) -> None:
-        super().__init__(command)
-        self.answer, self._answered = 'y', 0
-        self.on_read = self._reply
+    def __init__(
+        self, parts: contextlib.ExitStack, folder: pathlib.Path, *words: str, answer: str = 'y'
+    ) -> None:
+        self._answer, self._answered = answer, 0
+        super().__init__([*INSPECT, *SHORT, '--report', str(folder), *words])
+        parts.callback(self.close)
+        self.press('ready\n')
+        self.port = int(self.wait_for(r'on port (\d+)')[1])
 
-    def _reply(self) -> None:
+    def _read(self) -> bool:
+        more = super()._read()
         asked = len(re.findall(r'\?  .*?\?  y/n ', self.shown))
-        self.press(self.answer * (asked - self._answered))
+        self.press(self._answer * (asked - self._answered))
         self._answered = asked
-
-
-@pytest.fixture
-def at_terminal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Callable[..., Inspector]:
-    def start(*words: str) -> Inspector:
-        terminal = Inspector([*INSPECT, *SHORT, '--report', str(tmp_path), *words])
-        parts.callback(terminal.close)
-        return terminal
-
-    return start
+        return more
 
 
 @pytest.mark.parametrize('keys', ['no\n', '\x04'])
@@ -258,13 +254,11 @@ def test_nothing_listens_before_somebody_has_typed_the_word(
 
 
 def test_an_inspector_who_sees_the_wheels_turn_after_a_stop_fails_the_kart(
-    at_terminal: Callable[..., Inspector], parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
 ) -> None:
-    terminal = at_terminal('--only', 'K-3A-10', '--inspector', 'Ada <&>', '--number', '7')
-    terminal.press('ready\n')
-    port = int(terminal.wait_for(r'on port (\d+)')[1])
-    start_kart(parts, client(port, tmp_path))
-    terminal.answer = 'n'
+    words = ['--only', 'K-3A-10', '--inspector', 'Ada <&>', '--number', '7']
+    terminal = Inspector(parts, tmp_path, *words, answer='n')
+    start_kart(parts, client(terminal.port, tmp_path))
     assert terminal.end() == 2
     report = report_in(tmp_path)
     assert set(those(report, 'fail')) == {'K-3A-10'}
@@ -294,12 +288,10 @@ def test_a_kart_without_an_inspection_stays_out_of_the_race(
 
 
 def test_the_space_bar_stops_the_kart_and_ends_the_inspection(
-    at_terminal: Callable[..., Inspector], parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
 ) -> None:
-    terminal = at_terminal('--only', 'K-3A-05', '--drive', '60')
-    terminal.press('ready\n')
-    port = int(terminal.wait_for(r'on port (\d+)')[1])
-    start_kart(parts, client(port, tmp_path))
+    terminal = Inspector(parts, tmp_path, '--only', 'K-3A-05', '--drive', '60')
+    start_kart(parts, client(terminal.port, tmp_path))
     terminal.wait_for('DRIVES NOW')
     began = time.monotonic()
     terminal.press(' ')
@@ -309,11 +301,9 @@ def test_the_space_bar_stops_the_kart_and_ends_the_inspection(
 
 
 def test_an_inspection_whose_terminal_is_closed_leaves_its_report(
-    at_terminal: Callable[..., Inspector], tmp_path: pathlib.Path
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
 ) -> None:
-    terminal = at_terminal()
-    terminal.press('ready\n')
-    terminal.wait_for('on port')
+    terminal = Inspector(parts, tmp_path)
     terminal.hang_up()
     assert terminal.process.wait(PATIENCE) == Exit.NOT_PASSED
     assert 'stopped' in ' '.join(report_in(tmp_path)['remarks'])

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import codecs
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 import contextlib
 import os
 import pathlib
@@ -23,8 +23,6 @@ class Terminal(Part):
     A program that is in the foreground of a terminal.
 
     ``shown`` is what the terminal shows. It is read while somebody waits for it.
-
-    :ivar on_read: is called whenever more was read.
     """
 
     def __init__(
@@ -34,7 +32,6 @@ class Terminal(Part):
         cwd: pathlib.Path | None = None,
     ) -> None:
         self.shown = ''
-        self.on_read: Callable[[], None] = lambda: None
         self._decode = codecs.getincrementaldecoder('utf-8')('replace').decode
         self._hand, its_end = pty.openpty()
         self.process = subprocess.Popen(
@@ -87,5 +84,4 @@ class Terminal(Part):
         except OSError:  # nobody has the other end any more
             data = b''
         self.shown += self._decode(data)
-        self.on_read()
         return bool(data)
