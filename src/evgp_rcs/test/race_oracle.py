@@ -1390,7 +1390,7 @@ Key = tuple[int, ...]
 
 class Scratch:
     """
-    One race into which states are loaded, which is several times faster than ``Race.copy``.
+    One race into which states are loaded, which is several times faster than to copy a race.
 
     It knows no attribute of the rules by name, only that karts are slotted and that lists and
     dictionaries of the race hold nothing mutable.

@@ -188,11 +188,6 @@ def test_the_command_stands_in_the_record_before_what_came_of_it(officials: Offi
     ]
 
 
-def test_a_roster_has_every_kart_once() -> None:
-    with pytest.raises(ValueError, match='kart 7 is in the roster twice'):
-        Race([Kart(7), Kart(7)])
-
-
 def test_a_kart_says_in_garage_and_is_not_said_to_acknowledge_it(officials: Officials) -> None:
     (told,) = officials.says(1, IN_GARAGE).events
     assert told.text == 'Kart 1 (Ohm) reports IN_GARAGE'

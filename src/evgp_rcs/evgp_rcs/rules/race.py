@@ -527,8 +527,8 @@ class Race:
     KeyError if the roster has no such kart.
 
     :param now: current time, in seconds.
+    :param karts: karts with different numbers.
     :param run: id of this run of race control.
-    :raises ValueError: if two karts have the same number.
     """
 
     def __init__(
@@ -542,11 +542,8 @@ class Race:
         """Begin in IN_GARAGE (§3.B)."""
         self.times = times
         self.run = run
-        self.karts: dict[int, Kart] = {}
-        for kart in karts:
-            if kart.number in self.karts:
-                raise ValueError(f'kart {kart.number} is in the roster twice')
-            self.karts[kart.number] = kart
+        self.karts = {kart.number: kart for kart in karts}
+        for kart in self.karts.values():
             kart.sent_since = now
         self.heats = tuple(heats)
         self.reading = 0
