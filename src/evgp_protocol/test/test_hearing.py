@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 import itertools
+import math
 
 from evgp_protocol import hearing
 from evgp_protocol.frames import encode, FrameDecoder, StateFrame
@@ -460,6 +461,7 @@ def test_a_frame_answers_the_first_order_of_its_state_that_all_of_it_came_after(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(hearing, 'FLOOD_BYTES', SMALL_FLOOD)
         patch.setattr(hearing, 'FLOOD', SHORT_FLOOD)
+        patch.setattr(hearing, 'ONCE', math.inf)  # no single reply plays a part either
         connection = Connection(beat_rate)
         for what, how in pieces:
             getattr(connection, what)(how)
