@@ -421,7 +421,6 @@ class Hearing:
         once = order.replies == 1 and self._beats - order.said_in >= ONCE * self._beat_rate
         order.replies += 1
         order.said_in = self._beats
-        self._acknowledges_garage |= order.state is RaceState.IN_GARAGE
         self._slowest = max(self._slowest, order.beat)
         if len(self._orders) == 1:
             first_after = None
