@@ -30,6 +30,8 @@ def test_an_honest_twist_is_believed_as_it_is(
 def test_a_pose_that_moves_is_a_speed_whatever_the_twist_says(speed: float, step: float) -> None:
     motion = Motion()
     turns = math.ceil((WINDOW + step) / step) + 1
+    for turn in range(-turns, 0):  # at first, its twist is right
+        motion.speed(speed, 0.0, speed * turn * step, turn * step)
     found = [motion.speed(0.0, 0.0, speed * turn * step, turn * step) for turn in range(turns)]
     assert found[-1] > 0.05
     assert motion.contradiction
@@ -60,6 +62,8 @@ def test_a_pose_that_is_not_filled_in_says_nothing(speeds: list[float], x: float
 def test_a_twist_that_is_no_number_is_no_standstill() -> None:
     motion = Motion()
     assert all(math.isnan(motion.speed(math.nan, turn, 0.0, turn * 0.1)) for turn in range(30))
+    motion.speed(0.0, 29.0, 0.0, 4.0)
+    assert not motion.contradiction
 
 
 def test_what_lasts_is_noticed_once_each_time_it_begins_or_changes() -> None:
