@@ -5,8 +5,8 @@
 The quality of a connection, as the kernel sees it (§2.A, §4.D).
 
 `Answers`, `grade` and `parse` are pure: they take times and counts, and return round trips and
-grades. `make_prompt`, `read`, `unanswered`, `unread` and `unsent` use a socket, which may be
-asyncio's, on Linux only. An *answer* comes from the kernel at the other end, whose TCP has received
+grades. `make_prompt`, `read`, `unanswered`, `unread` and `unsent` use a socket, or asyncio's form
+of one, on Linux only. An *answer* comes from the kernel at the other end, whose TCP has received
 the bytes, whether or not the kart's program reads them.
 """
 
