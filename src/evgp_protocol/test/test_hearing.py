@@ -75,13 +75,6 @@ def test_what_was_there_while_the_karts_tcp_had_not_answered_the_order_does_not_
     assert kart.say(GRID) == [2]
 
 
-def test_a_slow_kart_acknowledges_no_second_grid_with_echoes_of_its_first() -> None:
-    kart = OneKart()
-    kart.order(GARAGE, GRID, GARAGE, GRID)
-    assert kart.say(*[GARAGE] * 3, *[GRID] * 40) == [1] * 3 + [2] * 40
-    assert kart.say(GARAGE, GRID) == [3, 4]
-
-
 PAUSE = OneKart().pause
 
 
@@ -103,15 +96,6 @@ def test_a_kart_that_is_silent_for_a_pause_has_read_what_its_tcp_had_answered(
     kart.beats(after)
     kart.order(RaceState.RED_RED)
     assert kart.say(RED) == [order]
-
-
-def test_a_kart_that_goes_on_speaking_makes_no_pause(kart: OneKart) -> None:
-    kart.order(GARAGE)
-    for _ in range(2 * kart.pause):
-        kart.say(RED)
-        kart.beats(1)
-    kart.order(RaceState.RED_RED)
-    assert kart.say(RED) == [1]
 
 
 def test_a_frame_that_began_while_nothing_counted_does_not_count(kart: OneKart) -> None:
