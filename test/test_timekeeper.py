@@ -23,7 +23,7 @@ from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.timing import entries
 from evgp_rcs_msgs import msg, srv
-from evgp_testing.part import Part, PATIENCE
+from evgp_testing.part import PATIENCE
 from evgp_testing.process import Process
 from evgp_testing.race_control import Timekeeper, write_roster
 from evgp_testing.ros_side import RosSide
@@ -134,7 +134,7 @@ class Line(RosSide):
         super().close()
 
 
-class Event(Part):
+class Event(WireRace):
     """
     Race control, an official, karts, a timing line, and a timekeeper that comes and goes.
 
@@ -142,15 +142,9 @@ class Event(Part):
     """
 
     def __init__(self, folder: pathlib.Path) -> None:
+        super().__init__(folder, KARTS, parameters={'banner': 'REHEARSAL'}, heats=HEATS)
         self._folder, self.book = folder, folder / 'timing.sqlite3'
-        with contextlib.ExitStack() as stack:
-            self._race = stack.enter_context(
-                WireRace(folder, KARTS, parameters={'banner': 'REHEARSAL'}, heats=HEATS)
-            )
-            self.domain, self.official = self._race.domain, self._race.official
-            self.karts = self._race.karts
-            self.line = stack.enter_context(Line(self.domain))
-            self._stack = stack.pop_all()
+        self.line = self._stack.enter_context(Line(self.domain))
         self.races = self._before = 0
         self.timekeeper = self.start_timekeeper()
 
@@ -161,9 +155,9 @@ class Event(Part):
 
     def bring_to(self, state: RaceState) -> None:
         """Bring the race to a state, with the heat in it."""
-        self._race.bring_to(RaceState.IN_GARAGE)
+        super().bring_to(RaceState.IN_GARAGE)
         self.official.command('set_heat', heat=HEAT)
-        self._race.bring_to(state)
+        super().bring_to(state)
 
     def race(self) -> None:
         """Start a race of the heat."""
@@ -189,9 +183,6 @@ class Event(Part):
             for each in self.official.events[before:]
             if (each.kind, each.command) == (msg.RaceEvent.COMMAND, finish)
         ]
-
-    def close(self) -> None:
-        self._stack.close()
 
 
 @pytest.fixture(scope='module')

@@ -208,26 +208,15 @@ def test_a_silent_decoder_is_told_and_connected_to_again(
                     decoder.recv(1)
 
 
-class Line:
-    """A serial port in whose place a test is: there is no control line without hardware."""
-
-    def __init__(self) -> None:
-        """Begin with nobody at the line."""
-        self.cts = False
-
-    def close(self) -> None:
-        """Do nothing."""
-
-
 def test_a_contact_makes_a_passing_of_nobody_known(
-    monkeypatch: pytest.MonkeyPatch, listener: Listener, domain: int
+    monkeypatch: pytest.MonkeyPatch, listener: Listener
 ) -> None:
-    line, failures = Line(), []
+    # There is no control line without hardware.
+    line, failures = SimpleNamespace(cts=False, close=lambda: None), []
     monkeypatch.setattr(node, 'connect', lambda *_: line)
-    side = RosSide('beside', domain)
     source = node.TimingSource(
         failures.append,
-        context=side.context,
+        context=listener.context,
         use_global_arguments=False,
         parameter_overrides=[
             Parameter('kind', value='contact'),
@@ -250,7 +239,6 @@ def test_a_contact_makes_a_passing_of_nobody_known(
     finally:
         source.close()
         source.destroy_node()
-        side.close()
     assert (first.number, second.number) == (1, 2)
     assert (first.kart, first.transponder) == (0, '')
     assert not failures
