@@ -12,7 +12,7 @@ from evgp_node.results import Passing
 from evgp_timing import laprf, p3
 from evgp_timing.framing import Framing, MAX_RECORD_BYTES, Record
 from evgp_timing.kinds import DECODERS
-from evgp_timing.passings import of_device, Refused, Sign, Unchecked
+from evgp_timing.passings import Event, of_device, Refused, Sign, Unchecked
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -32,19 +32,12 @@ def cut(data: bytes, at: list[int]) -> list[bytes]:
     return [data[a:b] for a, b in itertools.pairwise(places)]
 
 
-def test_every_kind_has_recorded_bytes() -> None:
-    assert RECORDED.keys() == DECODERS.keys()
-
-
-@every_kind
-def test_what_was_recorded_of_a_device_says_what_it_means(kind: str) -> None:
-    for record, event in RECORDED[kind]:
-        assert DECODERS[kind]().feed(record) == [event]
-
-
-def test_what_decoders_in_the_field_send_says_what_it_means() -> None:
-    for record, event in P3_FIELD:
-        (found,) = DECODERS['p3']().feed(record)
+@pytest.mark.parametrize(('kind', 'records'), [*RECORDED.items(), ('p3', P3_FIELD)])
+def test_what_was_recorded_of_a_device_says_what_it_means(
+    kind: str, records: list[tuple[bytes, Event]]
+) -> None:
+    for record, event in records:
+        (found,) = DECODERS[kind]().feed(record)
         assert (type(found), found) == (type(event), event)
 
 
