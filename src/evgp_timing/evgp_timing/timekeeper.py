@@ -20,7 +20,6 @@ a hang, they also wait for race control's events, which show which race each pas
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-import dataclasses
 import math
 import os
 import pathlib
@@ -139,15 +138,6 @@ def passing_of(message: msg.Passing) -> Passing:
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class Settings:
-    """The values of the parameters, which `read_settings` explains."""
-
-    roster: pathlib.Path
-    book: pathlib.Path
-    laps: LapSettings
-
-
 def read_roster(path: pathlib.Path) -> Roster:
     """
     Return the part of a roster file that timing uses.
@@ -163,32 +153,29 @@ class Timekeeper(StrictNode):
     """
     The timekeeper's node.
 
-    :param on_failure: called with the error if the node cannot go on.
     :param node_options: further arguments for rclpy's node.
     :raises ParameterError: if a parameter is wrong.
     :raises RosterError: if the roster is wrong.
     :raises BookError: if the book cannot be used.
     """
 
-    def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
+    def __init__(self, _: OnFailure, **node_options: Any) -> None:
         """Restore this event's races from the book and start to listen."""
         super().__init__('timekeeper', **{'namespace': 'rcs', **node_options})
-        settings = read_settings(self)
-        self._on_failure = on_failure
-        self._settings = settings
-        roster = read_roster(settings.roster)
-        self._desk = Desk(roster, settings.laps)
+        self._roster, book, self._settings = read_settings(self)
+        roster = read_roster(self._roster)
+        self._desk = Desk(roster, self._settings)
         self._last: dict[str, int] = {}  # number of the newest event of each run
-        self._book = Book(settings.book)
+        self._book = Book(book)
         self._awake = -math.inf
         for each in self._book.known():
             if isinstance(each, Gap):
-                self.get_logger().warning(f'{settings.book}: {each}')
+                self.get_logger().warning(f'{book}: {each}')
             else:
                 self._feed(each)
                 self._awake = max(self._awake, each.at)
         now = clock.now()
-        self._take(Terms(now, roster, settings.laps))
+        self._take(Terms(now, roster, self._settings))
         self._away_since = min(now, self._awake) if self._desk.races else now
         self._back = self._awake = now
         self._waiting: list[Passed] = []
@@ -211,7 +198,7 @@ class Timekeeper(StrictNode):
         self.create_timer(DUE_EVERY, self._alone(self._look), clock=steady)
         self.create_timer(GATHERED, self._alone(self._take_waiting), clock=steady)
         known = f'with {len(self._desk.races)} races of this event'
-        self.get_logger().info(f'The timekeeper keeps its book in {settings.book}, {known}')
+        self.get_logger().info(f'The timekeeper keeps its book in {book}, {known}')
 
     def close(self) -> None:
         """Write the current results into the book and close it."""
@@ -276,10 +263,9 @@ class Timekeeper(StrictNode):
         self._look()
 
     def _read_roster(self) -> None:
-        path = self._settings.roster
         try:
-            self._take(Terms(clock.now(), read_roster(path), self._settings.laps))
-            self.get_logger().info(f'Reloaded {path}, because race control did')
+            self._take(Terms(clock.now(), read_roster(self._roster), self._settings))
+            self.get_logger().info(f'Reloaded {self._roster}, because race control did')
         except RosterError as error:
             self.get_logger().error(f'The old roster stays in use: {error}')
 
@@ -383,9 +369,9 @@ def asked_for(act: Act, request: Any) -> Correction:
     return Correction(act, heard(request.official), **taken)
 
 
-def read_settings(node: StrictNode) -> Settings:
+def read_settings(node: StrictNode) -> tuple[pathlib.Path, pathlib.Path, LapSettings]:
     """
-    Declare every parameter of the node, and return the values.
+    Declare every parameter of the node, and return the paths of roster and book, and the rest.
 
     :raises ParameterError: if a parameter is wrong.
     """
@@ -423,7 +409,7 @@ def read_settings(node: StrictNode) -> Settings:
             'such as: --ros-args -p roster:=config/karts.yaml'
         )
     path = pathlib.Path(book).expanduser() if book else rcs_folder() / BOOK
-    return Settings(pathlib.Path(roster), path, settings)
+    return pathlib.Path(roster), path, settings
 
 
 def main(args: list[str] | None = None) -> int:
