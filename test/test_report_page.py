@@ -14,7 +14,7 @@ import re
 from evgp_inspection.kart_sentences import KART
 from evgp_inspection.limits import Limits
 from evgp_inspection.report import as_html
-from evgp_inspection.verdicts import Finding, Inspection, Result, Verdict
+from evgp_inspection.verdicts import Finding, Inspection, Verdict
 from evgp_node.results import KartResult, Standings
 from evgp_node.results import Status as KartStatus
 from evgp_protocol.link import Grade
@@ -183,8 +183,8 @@ def test_the_report_of_an_inspection_that_was_passed_is_one_sheet(
 ) -> None:
     judged = Finding(Verdict.PASS, 'It took 100.00 s.', 100.0)
     inspection = Inspection(
-        [Result(each, judged, 120.0 if each.limit else None) for each in KART],
-        Limits(),
+        dict.fromkeys(KART, judged),
+        Limits(**{each.limit: 120.0 for each in KART if each.limit}),
         170.0,
         finished=True,
         subject='kart 123',

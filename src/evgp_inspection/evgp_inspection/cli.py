@@ -31,7 +31,7 @@ from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import listen
 from evgp_inspection.report import as_html, as_json, deliver
 from evgp_inspection.survey_network import survey_network
-from evgp_inspection.verdicts import Clause, Exit, exit_code, Inspection, results_of, select
+from evgp_inspection.verdicts import Clause, Exit, exit_code, Inspection, judged, select
 from evgp_protocol.frames import DEFAULT_PORT
 
 
@@ -181,7 +181,7 @@ async def _with_the_word(
             stack.enter_context(inspector.reading())
             if not await inspector.confirm(CONDITIONS):
                 remarks = ['Not started.']
-                return Inspection(results_of({}, clauses, limits, remarks), limits, 0.0, remarks)
+                return Inspection(judged({}, clauses, remarks), limits, 0.0, remarks)
         return await inspect(
             inspector,
             limits,

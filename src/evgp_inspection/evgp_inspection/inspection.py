@@ -18,7 +18,7 @@ from evgp_inspection.odometry import Take
 from evgp_inspection.recording import EndedError, first, Recording
 from evgp_inspection.report import line
 from evgp_inspection.traces import Kind
-from evgp_inspection.verdicts import Clause, Finding, Inspection, results_of
+from evgp_inspection.verdicts import Clause, Finding, Inspection, judged
 
 Odometry: TypeAlias = Callable[[Take], Awaitable[Callable[[], None]]]
 """Starts to deliver speeds, in m/s, and returns a function that ends the delivery."""
@@ -71,10 +71,11 @@ async def inspect(
         await wire.shut_down()
         if end_odometry is not None:
             end_odometry()
-    results = results_of(recording.oracle.findings(), clauses, limits, remarks)
-    for result in results:
-        inspector.tell(line(result))
-    return Inspection(results, limits, recording.now, remarks, finished)
+    checks = judged(recording.oracle.findings(), clauses, remarks)
+    inspection = Inspection(checks, limits, recording.now, remarks, finished)
+    for clause in clauses:
+        inspector.tell(line(inspection, clause))
+    return inspection
 
 
 async def _until_stopped(

@@ -19,22 +19,21 @@ from typing import Any
 from evgp_inspection import VERSION
 from evgp_inspection.kart_sentences import BY_STATEMENT
 from evgp_inspection.traces import describe
-from evgp_inspection.verdicts import Inspection, Result, Verdict
+from evgp_inspection.verdicts import Clause, Inspection, Verdict
 from evgp_protocol.clock import duration
 
 
-def line(result: Result) -> str:
+def line(inspection: Inspection, clause: Clause) -> str:
     """Return a check in one line, with the reason below if it was not passed."""
-    clause, finding = result.clause, result.finding
+    finding = inspection.checks[clause]
     word = {Verdict.PASS: 'pass', Verdict.FAIL: 'FAIL', Verdict.NOT_JUDGED: '  - '}
-    text = (
-        f'{word[result.verdict]}  {clause.name}  {clause.title:58} {_times(result):>16}'.rstrip()
-    )
-    return text if result.verdict is Verdict.PASS else f'{text}\n                {finding.why}'
+    text = f'{word[finding.verdict]}  {clause.name}  {clause.title:58} '
+    text = f'{text}{_times(inspection, clause):>16}'.rstrip()
+    return text if finding.verdict is Verdict.PASS else f'{text}\n                {finding.why}'
 
 
-def _times(result: Result) -> str:
-    measured, limit = result.finding.measured, result.limit
+def _times(inspection: Inspection, clause: Clause) -> str:
+    measured, limit = inspection.checks[clause].measured, inspection.limit_of(clause)
     text = '' if measured is None else duration(measured, 2)
     return text if limit is None or not text else f'{text} of {limit:g} s'
 
@@ -43,15 +42,15 @@ def as_json(inspection: Inspection) -> str:
     """Return the complete report as JSON, each check with the part of the trace that led to it."""
     checks: list[dict[str, Any]] = [
         {
-            'clause': result.clause.name,
-            'title': result.clause.title,
-            'section': result.clause.section,
-            'source': result.clause.source,
-            'sentence': result.clause.sentence,
-            'verdict': result.verdict.value,
-            'why': result.finding.why,
-            'measured_s': result.finding.measured,
-            'limit_s': result.limit,
+            'clause': clause.name,
+            'title': clause.title,
+            'section': clause.section,
+            'source': clause.source,
+            'sentence': clause.sentence,
+            'verdict': finding.verdict.value,
+            'why': finding.why,
+            'measured_s': finding.measured,
+            'limit_s': inspection.limit_of(clause),
             'evidence': [
                 {
                     'at_s': round(event.at, 6),
@@ -62,13 +61,13 @@ def as_json(inspection: Inspection) -> str:
                     'value': event.value if math.isfinite(event.value) else None,
                     'bytes_unread': event.unread or None,
                 }
-                for event in result.finding.evidence
+                for event in finding.evidence
             ],
         }
-        for result in inspection.checks
+        for clause, finding in inspection.checks.items()
     ]
     whole = {
-        **dataclasses.asdict(dataclasses.replace(inspection, checks=())),
+        **dataclasses.asdict(dataclasses.replace(inspection, checks={})),
         'statements': BY_STATEMENT,
         'version': VERSION,
         'verdict': inspection.verdict.value,
@@ -137,15 +136,15 @@ def as_html(inspection: Inspection) -> str:
         f'{inspection.seconds / 60:.1f} minutes',
     ]
     rows = []
-    for result in inspection.checks:
-        kind = result.verdict.value
+    for clause, finding in inspection.checks.items():
+        kind = finding.verdict.value
         note = ''
-        if result.verdict is not Verdict.PASS:
-            note = f'<div class="note">{e(result.finding.why)}</div>'
+        if finding.verdict is not Verdict.PASS:
+            note = f'<div class="note">{e(finding.why)}</div>'
         rows.append(
-            f'<tr><td>{e(result.clause.name)}</td><td>{e(result.clause.title)}{note}</td>'
+            f'<tr><td>{e(clause.name)}</td><td>{e(clause.title)}{note}</td>'
             f'<td class="{kind.partition(" ")[0]}">{e(kind)}</td>'
-            f'<td class="time">{e(_times(result))}</td></tr>'
+            f'<td class="time">{e(_times(inspection, clause))}</td></tr>'
         )
     limits = dataclasses.asdict(inspection.limits).items()
     used = ', '.join(f'{name} {value:g}' for name, value in limits)
@@ -164,8 +163,7 @@ def as_html(inspection: Inspection) -> str:
         *(f'<p class="note">☐ {e(statement)}</p>' for statement in BY_STATEMENT),
         '<p class="sign">Signature</p>',
     ]
-    for result in inspection.having(Verdict.FAIL):
-        clause, finding = result.clause, result.finding
+    for clause, finding in inspection.having(Verdict.FAIL).items():
         parts += [
             f'<h2>{e(clause.name)} {e(clause.title)}</h2>',
             f'<p>{e(clause.section)}, {e(clause.source)}: “{e(clause.sentence)}”</p>',

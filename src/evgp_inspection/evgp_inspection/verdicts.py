@@ -105,23 +105,6 @@ class Clause:
         return '\n'.join(lines)
 
 
-@dataclasses.dataclass(frozen=True)
-class Result:
-    """
-    A clause and its finding.
-
-    :ivar limit: the limit used, in seconds; None if the clause has none.
-    """
-
-    clause: Clause
-    finding: Finding
-    limit: float | None = None
-
-    @property
-    def verdict(self) -> Verdict:
-        return self.finding.verdict
-
-
 def select(clauses: Sequence[Clause], wanted: str) -> tuple[Clause, ...]:
     """
     Return the clauses that a user names.
@@ -136,28 +119,24 @@ def select(clauses: Sequence[Clause], wanted: str) -> tuple[Clause, ...]:
     return tuple(each for each in clauses if not parts or each.name.startswith(tuple(parts)))
 
 
-def results_of(
-    findings: Mapping[str, Finding],
-    clauses: Sequence[Clause],
-    limits: Limits,
-    remarks: Sequence[str] = (),
-) -> list[Result]:
+def judged(
+    findings: Mapping[str, Finding], clauses: Sequence[Clause], remarks: Sequence[str] = ()
+) -> dict[Clause, Finding]:
     """
-    Return the results of these clauses. No clause fails if the inspecting computer was late.
+    Return the findings about these clauses. No clause fails if the inspecting computer was late.
 
     :param remarks: sentences that say why some steps were not done.
     """
     why = f'Not done. {" ".join(remarks)}' if remarks else 'The inspection did not get this far.'
-    results = []
+    checks = {}
     for clause in clauses:
         finding = findings.get(clause.name, Finding(Verdict.NOT_JUDGED, why))
         late = [each.value for each in finding.evidence if each.kind is Kind.HELD_UP]
         if finding.verdict is Verdict.FAIL and late:
             why_not = f'The inspecting computer hung for {max(late):.1f} s. Inspect again.'
             finding = finding._replace(verdict=Verdict.NOT_JUDGED, why=why_not)
-        limit = getattr(limits, clause.limit) if clause.limit else None
-        results.append(Result(clause, finding, limit))
-    return results
+        checks[clause] = finding
+    return checks
 
 
 @dataclasses.dataclass
@@ -165,7 +144,7 @@ class Inspection:
     """
     A whole inspection, as its report shows it.
 
-    :ivar checks: the results of the clauses that were asked for.
+    :ivar checks: the clauses that were asked for, with their findings.
     :ivar limits: the limits used.
     :ivar seconds: the duration, in seconds.
     :ivar remarks: sentences about the whole inspection, such as why it was not finished.
@@ -176,7 +155,7 @@ class Inspection:
     :ivar began: the date and time of the start, in ISO 8601.
     """
 
-    checks: Sequence[Result]
+    checks: Mapping[Clause, Finding]
     limits: Limits
     seconds: float = 0.0
     remarks: Sequence[str] = ()
@@ -186,8 +165,12 @@ class Inspection:
     inspector: str = ''
     began: str = ''
 
-    def having(self, verdict: Verdict) -> list[Result]:
-        return [each for each in self.checks if each.verdict is verdict]
+    def having(self, verdict: Verdict) -> dict[Clause, Finding]:
+        return {clause: found for clause, found in self.checks.items() if found.verdict is verdict}
+
+    def limit_of(self, clause: Clause) -> float | None:
+        """Return the limit used for a clause, in seconds; None if it has none."""
+        return getattr(self.limits, clause.limit) if clause.limit else None
 
     @property
     def verdict(self) -> Verdict:
@@ -201,8 +184,8 @@ class Inspection:
             return Verdict.FAIL
         # What was seen, and is not judged, is the finding's evidence.
         doubtful = any(
-            each.clause.starred or each.finding.evidence
-            for each in self.having(Verdict.NOT_JUDGED)
+            clause.starred or finding.evidence
+            for clause, finding in self.having(Verdict.NOT_JUDGED).items()
         )
         passed = self.finished and not doubtful and self.having(Verdict.PASS)
         return Verdict.PASS if passed else Verdict.NOT_JUDGED

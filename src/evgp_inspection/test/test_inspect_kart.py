@@ -62,7 +62,7 @@ FULL = dataclasses.replace(Limits(), seed=1.0)
 
 def those(inspection: Inspection, verdict: Verdict) -> dict[str, str]:
     """Return the clauses with this verdict, and why."""
-    return {each.clause.name: each.finding.why for each in inspection.having(verdict)}
+    return {clause.name: found.why for clause, found in inspection.having(verdict).items()}
 
 
 @dataclasses.dataclass

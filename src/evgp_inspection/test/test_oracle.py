@@ -14,7 +14,7 @@ from evgp_inspection.kart_sentences import BY_NAME
 from evgp_inspection.limits import Limits
 from evgp_inspection.oracle import LOSSES, Oracle, STANDS, TURNS
 from evgp_inspection.traces import describe, Event, Kind
-from evgp_inspection.verdicts import results_of, Verdict
+from evgp_inspection.verdicts import judged, Verdict
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from hypothesis import given, settings
@@ -147,8 +147,8 @@ def test_a_computer_that_was_held_up_fails_nobody() -> None:
     for late, verdict in ((9.0, Verdict.NOT_JUDGED), (40.0, Verdict.FAIL)):
         held_up = Event(late, Kind.HELD_UP, value=3.0)
         findings = Oracle.of([*events, held_up], LIMITS).findings()
-        (result,) = results_of(findings, [BY_NAME['K-3A-14']], LIMITS)
-        assert result.verdict is verdict
+        (finding,) = judged(findings, [BY_NAME['K-3A-14']]).values()
+        assert finding.verdict is verdict
 
 
 @st.composite

@@ -16,7 +16,7 @@ from evgp_inspection.limits import Limits
 from evgp_inspection.oracle import Oracle
 from evgp_inspection.report import as_html, as_json
 from evgp_inspection.traces import Event, Kind
-from evgp_inspection.verdicts import Finding, Inspection, Result, results_of, select, Verdict
+from evgp_inspection.verdicts import Finding, Inspection, judged, select, Verdict
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from hypothesis import given
@@ -119,10 +119,8 @@ def test_clauses_are_selected_by_the_beginnings_of_their_names() -> None:
 
 def test_an_inspection_is_no_pass_while_a_starred_clause_was_not_judged() -> None:
     for clause in BY_NAME.values():
-        found = [
-            Result(each, Finding(Verdict.NOT_JUDGED if each is clause else Verdict.PASS, 'so'))
-            for each in BY_NAME.values()
-        ]
+        found = {each: Finding(Verdict.PASS, 'so') for each in BY_NAME.values()}
+        found[clause] = Finding(Verdict.NOT_JUDGED, 'so')
         verdict = Inspection(found, LIMITS, finished=True).verdict
         assert (verdict is Verdict.PASS) != clause.starred
 
@@ -132,7 +130,7 @@ def test_a_clause_that_only_a_hold_up_excuses_is_no_pass_of_the_whole() -> None:
     for clause in KART:
         findings = {each.name: Finding(Verdict.PASS, 'so') for each in KART}
         findings[clause.name] = Finding(Verdict.FAIL, 'so', evidence=(held_up,))
-        found = results_of(findings, KART, LIMITS)
+        found = judged(findings, KART)
         assert Inspection(found, LIMITS, finished=True).verdict is Verdict.NOT_JUDGED
 
 
@@ -140,8 +138,8 @@ def test_a_clause_that_only_a_hold_up_excuses_is_no_pass_of_the_whole() -> None:
 
 
 def inspected(verdict: Verdict, why: str = 'so it was', **known: Any) -> Inspection:
-    results = [Result(clause, Finding(verdict, why, 1.0, ()), 5.0) for clause in KART[:2]]
-    return Inspection(results, LIMITS, **{'finished': True, **known})
+    checks = {clause: Finding(verdict, why, 1.0) for clause in KART[:2]}
+    return Inspection(checks, LIMITS, **{'finished': True, **known})
 
 
 @given(st.text(max_size=60), st.text(max_size=60))
@@ -161,6 +159,6 @@ def test_a_report_on_an_inspection_that_was_not_finished_is_no_pass() -> None:
 
 def test_a_report_holds_what_odometry_says_when_it_says_nonsense() -> None:
     events = (Event(0.0, Kind.SPEED, value=float('nan')), Event(0.1, Kind.SPEED, value=1e999))
-    result = Result(KART[0], Finding(Verdict.FAIL, 'so it was', None, events))
-    (check,) = json.loads(as_json(Inspection([result], LIMITS)))['checks']
+    found = {KART[0]: Finding(Verdict.FAIL, 'so it was', None, events)}
+    (check,) = json.loads(as_json(Inspection(found, LIMITS)))['checks']
     assert [each['value'] for each in check['evidence']] == [None, None]
