@@ -54,6 +54,9 @@ SETUP = Setup(
 )
 
 
+ROSTER = Roster((SETUP.karts[0]._replace(team='Another'), *SETUP.karts[1:]), SETUP.heats)
+"""What the file of the roster says."""
+
 NEXT = {
     RaceState.IN_GARAGE: CommandKind.GRID_ACTIVE,
     RaceState.GRID_ACTIVE: CommandKind.GREEN_GREEN,
@@ -155,7 +158,7 @@ class Running(PaperRace):
             statement=self.chance.random() < 0.9,
             heat=self.chance.choice(('first', 'second', 'none')),
             official=self.chance.choice(('', 'Anna', '<b>')),
-            roster=Roster(SETUP.karts, SETUP.heats),
+            roster=ROSTER,
         )
         return inputs.Commanded(self.now, command, self.now - self.chance.choice((0.0, 0.1)))
 
@@ -246,7 +249,6 @@ def another(value: Any, name: str) -> Any:
 
 
 NEW = Ordered((rules.Order(1, RaceState.GREEN_GREEN, 99),))
-OTHER_KARTS = (SETUP.karts[0]._replace(team='Another'), *SETUP.karts[1:])
 OF_INPUTS = 'an input is later', 'an input is before the one before it'
 HARMS: dict[str, tuple[Fits, Callable[[Any], list[Any]]]] = {
     OF_INPUTS[0]: (a_cause, lambda each: [each._replace(at=each.at + 1e-6)]),
@@ -280,7 +282,7 @@ HARMS: dict[str, tuple[Fits, Callable[[Any], list[Any]]]] = {
     ),
     'the roster is other': (
         lambda entry, after: isinstance(entry, Rules),
-        lambda each: [each._replace(setup=dataclasses.replace(SETUP, karts=OTHER_KARTS))],
+        lambda each: [each._replace(setup=dataclasses.replace(SETUP, karts=ROSTER.karts))],
     ),
     'it begins twice': (a_cause, lambda each: [Rules('', SETUP), each]),
     **{
