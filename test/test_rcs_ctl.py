@@ -118,10 +118,8 @@ class Lines(Part):
         hearing.answer = hearing.dropped = hearing.given = None
         hearing.standing = ()
         terminal = ctl_ros.Terminal(self._client, hearing, wanted, until)
-        if wanted.command == 'results':
-            told = terminal.show_results()
-        else:
-            told = ctl_ros._under_banner(terminal.give(0.0), hearing.race)
+        told = terminal.show_results() if wanted.command == 'results' else terminal.give(0.0)
+        told = ctl_ros._under_banner(told, hearing.race)
         assert hearing.race is not None
         assert hearing.race.banner in told.output + told.error
         return told
