@@ -413,7 +413,9 @@ def test_a_whole_race_by_commands(desk: Desks, connect_kart: ConnectKart) -> Non
         assert f'Kart {number} (Team {number}) is released' in said
         official.wait_for_kart(number, lambda kart: not (kart.in_race or kart.hold_reason), 'out')
     # The race goes to the garage also when no kart is left in it.
-    assert lines.run('in-garage').error.endswith('type: rcs_ctl in-garage --track-is-safe')
+    asked = lines.run('in-garage')
+    assert asked.code == USAGE
+    assert asked.error.endswith('type: rcs_ctl in-garage --track-is-safe')
     lines.accepted('in-garage', '--track-is-safe')
 
 
