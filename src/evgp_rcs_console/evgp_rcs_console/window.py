@@ -46,9 +46,6 @@ from evgp_rcs_console.widgets import (
 LOOK = 100
 """Time between two updates of everything that changes with time, in milliseconds."""
 
-AGES = 1.0
-"""Maximum time between two updates of the ages on the screen, in seconds."""
-
 
 class ConsoleWindow(QtWidgets.QWidget):
     """
@@ -68,7 +65,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         self.seen, self.unanswered = SeenCommands(self), Unanswered()
         self._latest = Latest(clock.now(), looking)
-        self._waiting, self._shown_at = inbox.waiting, 0.0
+        self._waiting = inbox.waiting
         self._style: object = None
         self._names = inbox.names
         self._arrange()
@@ -248,10 +245,10 @@ class ConsoleWindow(QtWidgets.QWidget):
         self.take_races()
         now, shown = clock.now(), self.seen.screen
         danger = self._latest.danger(now)
-        is_due = self.unanswered or now - self._shown_at >= AGES
+        # With the time of day, which changes every second, all ages are brought up to date.
+        is_due = self.unanswered or self._texts['time_of_day'].text() != time_of_day(time.time())
         if danger.title or is_due or shown.danger.title:
             self.refresh()
-        self._texts['time_of_day'].show_text(time_of_day(time.time()))
         warned = bool(danger.title) and self._latest.race is not None
         self.alerts.alarm.look(now, warned or bool(self.alerts.unseen))
         self.question.look()
@@ -260,8 +257,8 @@ class ConsoleWindow(QtWidgets.QWidget):
     def refresh(self) -> None:
         """Show the newest snapshot, with all ages up to date."""
         now = clock.now()
-        self._shown_at = now
         shown, screen = self.seen.screen, self._latest.screen(now, self.unanswered.ages(now))
+        self._texts['time_of_day'].show_text(time_of_day(time.time()))
         if screen.danger.title != shown.danger.title:
             self.alerts.alarm.sound_soon()
         self.seen.change_to(screen, now)
