@@ -20,7 +20,7 @@ from evgp_testing.race_control import RaceControl
 from evgp_testing.wire_race import WireRace
 import pytest
 from rig.stop_button import Ear, StopButton
-from test_security import in_graph
+from test_security import allowed, in_graph
 
 Manned = tuple[WireRace, StopButton, Ear]
 
@@ -126,7 +126,9 @@ def test_race_control_allows_a_button_all_kill_and_no_other_command(
     named = ('rcs_button', '/'), ('rcs_button_calls', '/')
     ear.wait_until_polled(lambda: in_graph(ear.node, *named).asked, 'its nodes in the graph')
     seen = in_graph(ear.node, *named)
-    seen.does_no_more_than('/buttons')
+    assert seen.published == allowed('/buttons', 'topics', 'publish')
+    assert seen.subscribed <= allowed('/buttons', 'topics', 'subscribe')
+    assert allowed('/buttons', 'services', 'request') == {'/rcs/all_kill'}
     assert seen.asked == {'/rcs/all_kill'}
 
 

@@ -10,7 +10,7 @@ from fnmatch import fnmatchcase
 import functools
 import itertools
 import pathlib
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
@@ -57,18 +57,29 @@ def misfits(rules: set[str], services: set[str]) -> set[str]:
     return (rules | services) - {*itertools.chain(*fits)}
 
 
-def in_graph(node: Any, named: list[tuple[str, str]]) -> list[set[str]]:
-    """Return what nodes publish, hear, ask and serve; nothing while one of them is not known."""
+class InGraph(NamedTuple):
+    """What nodes do in the graph, by the names of topics and services."""
+
+    published: set[str]
+    subscribed: set[str]
+    asked: set[str]
+    served: set[str]
+
+
+def in_graph(node: Any, *named: tuple[str, str]) -> InGraph:
+    """Return what nodes with these names and namespaces do; nothing while one is not known."""
     known = {*named} <= {*node.get_node_names_and_namespaces()}
-    return [
-        {name for each in named if known for name, _ in names_and_types(*each)}
-        for names_and_types in (
-            node.get_publisher_names_and_types_by_node,
-            node.get_subscriber_names_and_types_by_node,
-            node.get_client_names_and_types_by_node,
-            node.get_service_names_and_types_by_node,
+    return InGraph(
+        *(
+            {name for each in named if known for name, _ in names_and_types(*each)}
+            for names_and_types in (
+                node.get_publisher_names_and_types_by_node,
+                node.get_subscriber_names_and_types_by_node,
+                node.get_client_names_and_types_by_node,
+                node.get_service_names_and_types_by_node,
+            )
         )
-    ]
+    )
 
 
 OF_RACE_CONTROL = [(name, '/') for name in ('rcs', 'rcs_stops', 'rcs_roster')]
@@ -90,7 +101,7 @@ def test_each_program_is_allowed_what_it_does_and_nothing_else(
     parts.enter_context(Program('watch', watch, control.domain))
 
     def faults(enclave: str, nodes: list[tuple[str, str]], hears: set[str]) -> set[str]:
-        publishes, heard, asks, serves = in_graph(official.node, nodes)
+        publishes, heard, asks, serves = in_graph(official.node, *nodes)
         unlike = misfits(allowed(enclave, 'services', 'reply'), serves)
         return (
             (publishes ^ allowed(enclave, 'topics', 'publish')) - OF_RCLPY
