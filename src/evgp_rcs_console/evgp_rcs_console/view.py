@@ -444,17 +444,18 @@ class Screen:
         """
         Return the command that usually comes next; None if there is none or it is not possible.
 
-        There is none while the MSR must be used, or while only the MSR can stop a kart. Once the
-        heat in the race has a result, it is HEAT, as long as a heat is left.
+        There is none while the MSR must be used, or while only the MSR can stop a kart. Once every
+        kart has finished the heat in the race, it is HEAT, as long as a heat is left.
         """
-        race, runs = self.snapshot, self.results.races if self.results else ()
+        race = self.snapshot
         racing = [kart for kart in race.karts if kart.in_race]
         wanted = NEXT.get(race.state, ())
         if race.state is RaceState.GREEN_GREEN and all(kart.place for kart in racing):
             linked = [kart for kart in racing if kart.connected]
             stopped = all(kart.sent.is_red and kart.acknowledged for kart in linked)
             wanted = (CommandKind.RACE_OVER,) if stopped else ()
-        is_run = any(each.counts and each.heat == race.heat for each in runs)
+        # The places alone may be those of another heat with the same karts.
+        is_run = _runs_of(race.heat, self.results) and all(kart.place for kart in racing)
         if is_run and race.state is RaceState.IN_GARAGE:
             wanted = (CommandKind.SET_HEAT,) if self.next_heat else ()
         if race.msr_alerts or (race.track.msr_used and texts.in_doubt(race)):
@@ -510,12 +511,12 @@ class Screen:
 
     @property
     def next_heat(self) -> str:
-        """Return the timekeeper's choice of the next heat, or the first that has no result."""
+        """Return the timekeeper's choice of the next heat, or the first that has not been run."""
         race, timing = self.snapshot, self.results
         if timing is None or timing.next_heat:
             return timing.next_heat if timing is not None else ''
-        done = {race.heat, *(each.heat for each in timing.races if each.counts)}
-        return next((each.name for each in race.heats if each.name not in done), '')
+        left = (each.name for each in race.heats if not _runs_of(each.name, timing))
+        return next((name for name in left if name != race.heat), '')
 
     @property
     def rosters(self) -> tuple[Button, ...]:

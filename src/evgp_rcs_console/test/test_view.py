@@ -393,12 +393,14 @@ def test_the_order_of_start_is_shown_before_the_race_and_who_is_next_at_any_time
     assert screen_of(**fields).heats[1].label == 'TT 3: 3'
 
 
-def test_once_a_heat_has_a_result_the_next_step_is_the_next_heat_without_one() -> None:
+def test_once_every_kart_has_finished_a_heat_the_next_step_is_the_next_heat_not_run() -> None:
     heats = tuple(Heat(name, (7,)) for name in ('Heat 1', 'Heat 2', 'Heat 3'))
 
-    def next_of(*ran: str, counts: bool = True, **changes: Any) -> tuple[list[CommandKind], str]:
-        runs = tuple(RaceOfEvent(1, name, 3600.0, 1, counts) for name in ran)
+    def next_of(*ran: str, place: int = 1, **changes: Any) -> tuple[list[CommandKind], str]:
+        # Without laps, no run counts at the timekeeper.
+        runs = tuple(RaceOfEvent(1, name, 3600.0, 0, counts=False) for name in ran)
         fields = {'state': IN_GARAGE, 'heats': heats, 'heat': 'Heat 1', **changes}
+        fields['karts'] = (replace(KART, place=place),)
         screen = screen_of(timing(races=runs), **fields)
         heat = [CommandKind.SET_HEAT] * screen.heat_button.is_next
         return [*steps(screen), *heat], screen.next_heat
@@ -407,7 +409,7 @@ def test_once_a_heat_has_a_result_the_next_step_is_the_next_heat_without_one() -
     assert next_of('Heat 1') == ([CommandKind.SET_HEAT], 'Heat 2')
     assert next_of('Heat 1', 'Heat 2') == ([CommandKind.SET_HEAT], 'Heat 3')
     assert next_of('Heat 1', heat='Heat 2') == ([CommandKind.GRID_ACTIVE], 'Heat 3')
-    assert next_of('Heat 1', 'Heat 2', counts=False) == ([CommandKind.GRID_ACTIVE], 'Heat 2')
+    assert next_of('Heat 1', place=0) == ([CommandKind.GRID_ACTIVE], 'Heat 2')
     assert next_of('Heat 1', state=RED_RED)[0] == [CommandKind.IN_GARAGE]
     assert next_of('Heat 1', alerts=(lost(7),))[0] == []
     refused = offers(Availability(CommandKind.SET_HEAT, False, 'not now'))
