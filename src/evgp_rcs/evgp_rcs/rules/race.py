@@ -1500,7 +1500,7 @@ class Race:
         new_heats = (heat for heat in self._read.heats if heat not in self.heats)
         said += [f'"{heat.name}": {_numbers(heat.karts)}' for heat in new_heats]
         said += [f'"{heat.name}" is removed' for heat in self.heats if heat.name not in heats]
-        return '; '.join(said) or 'the same karts and heats'
+        return '; '.join(said) or 'the same karts in the same heats; laps and grids may differ'
 
     # ----- derived ------------------------------------------------------------------------
 
