@@ -102,10 +102,11 @@ def test_without_a_kart_nothing_is_judged() -> None:
 
 
 def test_time_without_a_connection_is_not_time_on_the_network() -> None:
-    acts = ('lost', 'reset', 50.0), ('second', 100.0), ('opened', 105.0), ('second', 110.0)
+    acts = [('lost', 'reset', 50.0), ('second', 100.0), ('opened', 105.0), ('second', 110.0)]
+    acts += [('lost', 'reset', 110.0), ('opened', 120.0), ('second', 122.0)]
     kart = then(driven(50), *acts)
     on = kart.figures(LIMITS)[-1]
-    assert (on.value, on.verdict) == (55.0, Verdict.NOT_JUDGED)
+    assert (on.value, on.verdict) == (57.0, Verdict.NOT_JUDGED)
 
 
 def test_a_silence_goes_on_until_the_kart_answers_on_its_next_connection() -> None:
