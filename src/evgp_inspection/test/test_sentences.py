@@ -150,6 +150,13 @@ def test_a_report_is_well_formed_whatever_people_and_karts_are_called(team: str,
     assert 'http' not in page
 
 
+def test_a_report_quotes_each_sentence_that_was_broken_and_no_other() -> None:
+    found = {each: Finding(verdict, 'so') for each, verdict in zip(KART, Verdict, strict=False)}
+    page = as_html(Inspection(found, LIMITS))
+    quoted = [found[each] for each in found if f'<h2>{each.name} ' in page]
+    assert [each.verdict for each in quoted] == [Verdict.FAIL]
+
+
 def test_a_report_on_an_inspection_that_was_not_finished_is_no_pass() -> None:
     for finished, verdict in ((True, 'pass'), (False, 'not judged')):
         inspection = inspected(Verdict.PASS, finished=finished)
