@@ -411,6 +411,7 @@ def test_once_every_kart_has_finished_a_heat_the_next_step_is_the_next_heat_not_
     assert next_of('Heat 1', heat='Heat 2') == ([CommandKind.GRID_ACTIVE], 'Heat 3')
     assert next_of('Heat 1', place=0) == ([CommandKind.GRID_ACTIVE], 'Heat 2')
     assert next_of('Heat 1', state=RED_RED)[0] == [CommandKind.IN_GARAGE]
+    assert next_of('Heat 1', state=GRID_ACTIVE)[0] == [CommandKind.GREEN_GREEN]  # it is run again
     assert next_of('Heat 1', alerts=(lost(7),))[0] == []
     refused = offers(Availability(CommandKind.SET_HEAT, False, 'not now'))
     assert next_of('Heat 1', commands=refused)[0] == []
