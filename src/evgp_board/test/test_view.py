@@ -104,6 +104,13 @@ def test_results_are_official_only_once_the_timekeeper_has_published_them() -> N
             assert other not in page['sub'].lower()
 
 
+def test_a_penalty_is_noted_by_what_it_takes_unless_the_status_says_so() -> None:
+    penalty = Penalty(7, 5, 0, disqualified=True, reason='RED_RED', official='Ada')
+    found = results(result(7, 0, status=Status.DISQUALIFIED, penalties=(penalty,)))
+    (row,) = view.results(Heard(race(kart(7)), found))['rows']
+    assert row['note'] == 'disqualified; +5 s'
+
+
 def test_in_a_practice_the_time_is_that_of_the_last_lap() -> None:
     found = results(result(7, 1, 2, 100.0, lap_times=(49.0, 51.0)), kind=Format.PRACTICE)
     assert shown(Heard(race(kart(7)), found)) == [(1, 7, '0:51.000')]
