@@ -33,7 +33,7 @@ from evgp_rcs.rules.race import (
     StampedEvent,
     TrackAccess,
 )
-from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot, snapshot_of
+from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot, snapshot_of
 from evgp_rcs_msgs import msg
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -135,6 +135,8 @@ def test_a_time_counts_from_where_the_clock_of_the_value_began() -> None:
     message = message_of(alert, msg.Alert, wall_ns=1_000_000_000)
     assert (message.since.sec, message.since.nanosec) == (3, 500_000_000)
     assert value_of(message, Alert) == dataclasses.replace(alert, since=3.5)
+    race = NOTHING._replace(alerts=(alert,))
+    assert message_of(race, msg.Race, wall_ns=1_000_000_000).alerts == [message]
 
 
 def test_sentences_can_be_changed_on_the_way_out_of_a_message_and_names_cannot() -> None:
