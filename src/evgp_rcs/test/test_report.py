@@ -225,13 +225,15 @@ def test_an_alert_stands_until_it_is_cleared_also_beside_another_of_that_kart(
     paper.lose(7)
     # Back, it must still stop, which it was told to long ago: two alerts.
     paper.wait(11.0)
-    paper.connect(7)
-    paper.wait(1.0)
-    paper.lose(7)  # then only the first one
-    paper.wait(1.0)
-    lost, unanswered = (each for each in paper.account().alerts if each.event.event.kart == 7)
+    for _ in range(2):
+        paper.connect(7)
+        paper.wait(1.0)
+        paper.lose(7)  # then only the first one
+        paper.wait(1.0)
+    lost, *unanswered = (each for each in paper.account().alerts if each.event.event.kart == 7)
     assert lost.ended is None
-    assert unanswered.ended == pytest.approx(unanswered.event.at + 1.0)
+    lasted = [each.ended and each.ended - each.event.at for each in unanswered]
+    assert lasted == pytest.approx([1.0, 1.0])
 
 
 @pytest.mark.parametrize('what', ['a gap', 'a difference'])
