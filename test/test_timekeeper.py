@@ -15,9 +15,9 @@ import time
 from types import SimpleNamespace
 from typing import Any, cast
 
-from builtin_interfaces.msg import Duration
+from builtin_interfaces.msg import Duration, Time
 from evgp_node.restarting import IN_THE_WAY
-from evgp_node.results import Act, KartResult, Mark, Standings, Status
+from evgp_node.results import Act, BY_HAND, KartResult, Mark, Standings, Status
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
@@ -31,7 +31,7 @@ from evgp_testing.wire_race import WireRace
 from evgp_timing import timekeeper
 from evgp_timing.corrections import CORRECTIONS
 from evgp_timing.desk import Answer, Finish, What
-from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS, told_of
+from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS, passing_of, told_of
 from evgp_timing.window import Client
 import pytest
 
@@ -396,6 +396,12 @@ def test_a_command_that_was_refused_says_nothing_of_laps() -> None:
     told = told_of(event, 'run')
     assert told is not None
     assert told.what is What.FINISH
+
+
+@pytest.mark.parametrize('name', [BY_HAND, f' {BY_HAND}\n'])
+def test_no_source_passes_for_an_official_or_saw_anything_before_1970(name: str) -> None:
+    passing = passing_of(msg.Passing(source=name, stamp=Time(sec=-1)))
+    assert (passing.source, passing.stamp_ns) == ('', 0)
 
 
 def test_each_finish_names_the_run_and_the_race_that_it_is_for() -> None:
