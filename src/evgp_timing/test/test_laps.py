@@ -394,6 +394,7 @@ def test_further_sources_than_a_race_can_have_are_told_and_officials_still_count
     assert sum(laps.over.values()) == 3
     assert laps.trouble(GREEN + 20.0)
     assert laps.take([press], GREEN + 10.0).mark_of(press.identity) is Mark.COUNTED
+    assert race().take([press, *many], GREEN + 1.0).over == laps.over
 
 
 # ----- results ------------------------------------------------------------------------------
