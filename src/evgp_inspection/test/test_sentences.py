@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import pathlib
 import re
@@ -155,6 +156,15 @@ def test_a_report_quotes_each_sentence_that_was_broken_and_no_other() -> None:
     page = as_html(Inspection(found, LIMITS))
     quoted = [found[each] for each in found if f'<h2>{each.name} ' in page]
     assert [each.verdict for each in quoted] == [Verdict.FAIL]
+
+
+def test_a_report_shows_the_limits_that_were_used() -> None:
+    (clause, *_) = (each for each in KART if each.limit)
+    limits = dataclasses.replace(LIMITS, **{clause.limit: 77.5})
+    inspection = Inspection({clause: Finding(Verdict.PASS, 'so', 1.0)}, limits)
+    (check,) = json.loads(as_json(inspection))['checks']
+    assert check['limit_s'] == 77.5
+    assert '1.00 s of 77.5 s' in as_html(inspection)
 
 
 def test_a_report_on_an_inspection_that_was_not_finished_is_no_pass() -> None:
