@@ -137,25 +137,17 @@ SILENCE_OF_RACE_CONTROL = bridge.defaults['frame_timeout']
 PORT = race_control.defaults['port']
 
 WRITTEN = [
-    (
-        'docs/teams.md',
-        r'follows after ([\d.]+) s for the first place',
-        RaceTimes().finish_delays[0],
-    ),
-    (
-        'docs/teams.md',
-        r'(?i)nothing\s+from\s+race\s+control\s+for ([\d.]+) s',
-        SILENCE_OF_RACE_CONTROL,
-    ),
+    ('docs/rules.md', r'`finish_delays` \(([\d.]+),', RaceTimes().finish_delays[0]),
+    ('docs/teams.md', r'\[1 to (\d+) s later\]', RaceTimes().finish_delays[0]),
+    ('docs/teams.md', r'the kart stops after ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
     ('docs/wire.md', r'\*\*port (\d+)\*\*', PORT),
     ('docs/wire.md', r"RACE_CONTROL = \('[\d.]+', (\d+)\)", PORT),
     ('docs/wire.md', r'\*\*(\d+) times a second\*\*', RATE),
     ('docs/wire.md', r'never below (\d+)', race_control.limits['beat_rate'][0]),
     ('docs/wire.md', r'within (\d+) bytes', MAX_FRAME_BYTES),
-    ('docs/wire.md', r'after (\d+) s without a whole', SILENCE_OF_RACE_CONTROL),
     ('docs/wire.md', r'nothing for \*\*(\d+) s\*\*', SILENCE_OF_RACE_CONTROL),
     ('docs/wire.md', r'heard_at >= ([\d.]+):', SILENCE_OF_RACE_CONTROL),
-    ('docs/wire.md', r'That is (\d+) missed frames', RATE * SILENCE_OF_RACE_CONTROL),
+    ('docs/wire.md', r'\((\d+) missed frames\)', RATE * SILENCE_OF_RACE_CONTROL),
     ('docs/wire.md', r'silent for (\d+) s after its TCP', QUIET),
     ('docs/wire.md', r'reads about (\d+) bytes per beat', FLOOD_BYTES),
     ('docs/wire.md', r'during the flood and for (\d+) s after', DEAF),

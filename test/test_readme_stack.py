@@ -8,15 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable
 import concurrent.futures
 import contextlib
-import inspect
 import os
 import pathlib
 import random
 import sys
-import textwrap
 import time
 
-from evgp_kart_bridge import shortest_stack
 from evgp_protocol.states import RaceState
 from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain
@@ -128,12 +125,6 @@ def test_a_stack_that_answers_the_latest_command_is_caught_rolling(
     caught = [each for kart in karts for each in kart.rolling]
     print(f'after {sum(kart.stops for kart in karts)} stops: {caught}')
     assert caught
-
-
-def test_the_document_shows_the_step_of_the_stack_as_it_is() -> None:
-    assert blocks('docs/teams.md', 'python') == [
-        textwrap.dedent(inspect.getsource(shortest_stack.Stack.step))
-    ]
 
 
 def test_the_stack_on_the_first_page_acknowledges_all_that_a_kart_at_rest_has_done(
