@@ -84,8 +84,8 @@ def board(heard: Heard) -> Shown:
     found = {each.kart: each for each in results.karts}
     karts = {each.number: each for each in race.karts if each.in_race or each.number in found}
     order = [number for number in dict.fromkeys((*found, *karts)) if number in karts]
-    counted = any(each.place for each in results.karts)
-    if not counted:  # no laps are counted
+    counted = any(each.place or each.laps for each in results.karts)
+    if not counted:
         order = sorted(karts, key=lambda number: (karts[number].place or math.inf, number))
     rows = []
     for number in order:

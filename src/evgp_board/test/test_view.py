@@ -79,6 +79,13 @@ def test_where_nobody_counts_laps_the_order_is_that_of_the_finish() -> None:
     assert 'order of FINISH' in view.board(heard)['sub']
 
 
+def test_where_laps_are_counted_a_kart_without_a_place_gets_none_from_its_finish() -> None:
+    out = result(7, 0, 6, 245.0, status=Status.DISQUALIFIED)
+    heard = Heard(race(kart(7, place=1)), results(out))
+    assert view.board(heard)['rows'][0]['place'] == ''
+    assert 'order of FINISH' not in view.board(heard)['sub']
+
+
 def test_without_timing_the_order_is_that_of_the_finish_and_the_results_remain() -> None:
     counted = results(result(3, 1, 6, 245.0), result(7, 2, 6, 246.0))
     karts = kart(3, place=2), kart(7, place=1)
