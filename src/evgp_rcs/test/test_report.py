@@ -108,6 +108,20 @@ def test_a_lane_shows_what_the_rules_had_at_every_moment(seed: int) -> None:
     assert looked > 1000
 
 
+def test_a_lane_shows_since_when_a_finish_holds_a_kart_that_has_been_stopped(
+    paper: PaperRace,
+) -> None:
+    paper.drive()
+    paper.command(CommandKind.KART_FINISH, 7)
+    paper.command(CommandKind.RACE_OVER)
+    flag = paper.race.karts[7].flag_at
+    assert flag is not None
+    paper.wait(60.0)
+    paper.lose(9)
+    (held,) = (each for each in paper.account().lanes[7].holds if each.what == RED_FLAG)
+    assert held.start == pytest.approx(flag - paper.stamped[0].monotonic, abs=0.25)
+
+
 def test_a_kart_that_takes_its_stop_back_is_an_incident(paper: PaperRace) -> None:
     paper.drive()
     paper.say(7, RaceState.GRID_ACTIVE)

@@ -293,6 +293,7 @@ class Account:
         self.ended: Happened | None = None
         self.lost = 0
         self._first: StampedEvent | None = None
+        self._holds: list[RaceState | None] = []
         for step in self.replay.steps():
             self._take(step)
         self._close()
@@ -399,7 +400,11 @@ class Account:
         for each in new:
             self._look_at_event(step, each)
         made = step.outcome
-        if made is not None and (made.events or made.orders or not self.lanes):
+        holds = [kart.hold for kart in step.race.karts.values()]
+        # The RED_FLAG of a kart that has finished holds it silently if the race has been stopped.
+        silent = holds == self._holds and made is not None and not (made.events or made.orders)
+        if made is not None and not silent:
+            self._holds = holds
             self._look_at_race(step, made, new, step.race)
 
     def _lose_sight(self) -> None:
