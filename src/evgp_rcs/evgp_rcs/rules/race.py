@@ -1006,7 +1006,7 @@ class Race:
             )
         elif self.unstated:
             settled_by = CommandKind.OPEN_TRACK
-            reason = f'an official must still state that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for this'
+            reason = f'an official must state that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for this'
         elif not any(kart.connected for kart in self.karts.values()):
             allowed = True
             reason = 'no kart is connected, so race control does not know what the karts are doing'
