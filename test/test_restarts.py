@@ -249,6 +249,27 @@ def test_a_program_that_dies_again_and_again_is_tried_again_and_ends_with_ctrl_c
     assert all('SIGKILL' in line and 'Starting it again' in line for line in told)
 
 
+LASTING = """
+import signal, sys
+signal.signal(signal.SIGTERM, lambda *_: sys.exit(7))
+print('runs', flush=True)
+signal.pause()
+"""
+
+
+@pytest.mark.parametrize('number', ['SIGINT', 'SIGTERM', 'SIGHUP', 'SIGQUIT'])
+def test_a_signal_that_ends_a_program_waits_for_its_end_and_passes_on_its_code(
+    number: str,
+) -> None:
+    with subprocess.Popen(
+        [*KEPT, sys.executable, '-c', LASTING], stdout=subprocess.PIPE, text=True
+    ) as kept:
+        assert kept.stdout is not None
+        assert kept.stdout.readline() == 'runs\n'
+        kept.send_signal(signal.Signals[number])
+        assert kept.wait(PATIENCE) == 7
+
+
 OFTEN_HEALTHY = """
 import sys
 from evgp_node import restarting
