@@ -174,11 +174,7 @@ class Replay:
         if isinstance(entry, Gap):
             self._stop_at(entry)
         elif isinstance(entry, Rules) and self.rules is None and not self.missing:
-            self.rules = entry
-            try:
-                self._race = entry.setup.race()
-            except ValueError as error:
-                self._differ('the setup', str(entry.setup), repr(error))
+            self.rules, self._race = entry, entry.setup.race()
         elif self._race is None:
             return None
         elif isinstance(entry, Rules | Began):
