@@ -16,10 +16,10 @@ from rig.needs import cannot_run
 
 
 @contextlib.contextmanager
-def small_disk(folder: pathlib.Path, size: str) -> Iterator[pathlib.Path]:
+def small_disk(folder: pathlib.Path, size: str, kind: str = 'tmpfs') -> Iterator[pathlib.Path]:
     """Have a folder on a file system of its own of this size, such as 512k; or skip the test."""
     folder.mkdir(exist_ok=True)
-    words = ['mount', '-t', 'tmpfs', '-o', f'size={size}', 'tmpfs', str(folder)]
+    words = ['mount', '-t', kind, '-o', f'size={size}', kind, str(folder)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     if done.returncode:
         cannot_run(f'a file system cannot be mounted here (not root?): {done.stderr.strip()}')

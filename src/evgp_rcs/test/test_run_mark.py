@@ -170,8 +170,9 @@ def test_a_mark_that_cannot_be_written_proves_nothing_until_it_can(
     assert run(path) is LastRun.ENDED
 
 
+@pytest.mark.parametrize('kind', ['tmpfs', 'ramfs'])
 def test_a_place_in_memory_is_none_for_a_mark_even_over_one_that_is_on_a_disk(
-    path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+    kind: str, path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = path.parent
     monkeypatch.setattr(run_mark, 'FOLDER', folder)
@@ -180,7 +181,7 @@ def test_a_place_in_memory_is_none_for_a_mark_even_over_one_that_is_on_a_disk(
         pass
     subprocess.run(['mount', '--bind', str(folder), str(folder)], check=True)
     try:
-        with small_disk(folder.parent, '64k'):
+        with small_disk(folder.parent, '64k', kind):
             mark = RunMark(path)
     finally:
         subprocess.run(['umount', '-l', str(folder)], check=True)
