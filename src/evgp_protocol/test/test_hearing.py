@@ -11,7 +11,7 @@ import math
 
 from evgp_protocol import hearing
 from evgp_protocol.frames import encode, FrameDecoder, StateFrame
-from evgp_protocol.hearing import DEAF, FLOOD_BYTES, Heard, Hearing, NO_ORDER, QUIET
+from evgp_protocol.hearing import DEAF, FLOOD_BYTES, Heard, Hearing, NO_ORDER, ONCE, QUIET
 from evgp_protocol.states import RaceState
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -305,7 +305,7 @@ PAUSE = round(QUIET * 20.0) + 1
         pytest.param(0, True, PAUSE, 3, id='a pause: it has read what its TCP had answered'),
         pytest.param(0, True, PAUSE - 1, 1, id='a shorter one shows nothing'),
         pytest.param(0, False, PAUSE, 1, id='nor one before its TCP has answered'),
-        pytest.param(PAUSE, True, 1, 1, id='it is counted from when its TCP has answered'),
+        pytest.param(PAUSE, True, PAUSE - 1, 1, id='it is counted from when its TCP has answered'),
     ],
 )
 def test_a_kart_that_is_silent_for_a_pause_has_read_what_its_tcp_had_answered(
@@ -320,6 +320,37 @@ def test_a_kart_that_is_silent_for_a_pause_has_read_what_its_tcp_had_answered(
             wire.settle()
         wire.beat(beats)
     assert wire.heard[-1][1] == order
+
+
+def test_a_kart_that_once_said_more_than_it_was_sent_does_not_pass_an_order_by_its_count() -> None:
+    wire, red = Wire(), encode(RaceState.RED_RED)
+    wire.send(RaceState.RED_RED)
+    wire.deliver(ALL)
+    wire.say(red * 2)
+    wire.settle()
+    wire.send(GARAGE)
+    wire.send(RaceState.RED_RED)
+    wire.deliver(ALL)
+    for _ in range(100):
+        wire.say(red)
+        wire.settle()
+        wire.beat(1)
+    assert wire.heard[-1][1] == 1
+
+
+@pytest.mark.parametrize(('apart', 'orders'), [(ONCE, [3]), (ONCE - 0.05, [])])
+def test_a_last_word_is_for_the_later_order_only_if_the_one_before_was_long_ago(
+    apart: float, orders: list[int]
+) -> None:
+    wire = Wire()
+    for state in (RaceState.RED_RED, GARAGE, RaceState.RED_RED):
+        wire.send(state)
+    wire.deliver(ALL)
+    for beats in (round(apart * 20.0), PAUSE):
+        wire.say(encode(RaceState.RED_RED))
+        wire.settle()
+        wire.beat(beats)
+    assert [serial for _, serial in wire.hearing.settled()] == orders
 
 
 @pytest.mark.parametrize('says', ['each frame', 'each change', 'each change but IN_GARAGE'])
