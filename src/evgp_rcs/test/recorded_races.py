@@ -10,6 +10,7 @@ import contextlib
 import csv
 import itertools
 import pathlib
+import random
 import re
 import secrets
 import sqlite3
@@ -29,13 +30,19 @@ from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.inputs import Batch, encode, Entrant, entries_of, Entry, Log, Rules, Setup
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import (
+    Attendance,
     Command,
+    Doubt,
     Event,
     EventKind,
     Heat,
+    KartMemory,
+    LastRun,
     Outcome,
     Race,
+    RaceMemory,
     RaceTimes,
+    Roster,
     StampedEvent,
 )
 
@@ -194,6 +201,151 @@ class PaperRace:
     def account(self) -> Account:
         """Return what there is to say of it, up to now."""
         return Account(kept(self.stream()))
+
+
+KARTS = range(1, 5)
+SETUP = Setup(
+    tuple(Entrant(number, f'Team {number}', number < 4) for number in KARTS),
+    RaceTimes(
+        finish_delays=(0.5,),
+        finish_stop=2.0,
+        pause=0.3,
+        pause_after_stall=0.5,
+        nobody_there=1.0,
+    ),
+    (Heat('first', (1, 2)), Heat('second', (3, 4)), Heat('final', (1, 2, 3, 4))),
+    now=1000.1,
+)
+
+
+ROSTER = Roster((SETUP.karts[0]._replace(team='Another'), *SETUP.karts[1:]), SETUP.heats)
+"""What the file of the roster says."""
+
+NEXT = {
+    RaceState.IN_GARAGE: CommandKind.GRID_ACTIVE,
+    RaceState.GRID_ACTIVE: CommandKind.GREEN_GREEN,
+    RaceState.GREEN_GREEN: CommandKind.KART_FINISH,
+    RaceState.RED_FLAG: CommandKind.RACE_OVER,
+    RaceState.RED_RED: CommandKind.IN_GARAGE,
+}
+"""What an official does next in a race."""
+
+
+class Running(PaperRace):
+    """
+    A race that is fed at random.
+
+    :param before: the run before, whose memory is found, unless it is another one or none.
+    """
+
+    def __init__(self, seed: int, before: Running | None = None) -> None:
+        super().__init__({}, setup=SETUP)
+        self.saves_at_once = False
+        self.chance = random.Random(seed)
+        memories = [None, self.left_behind()]
+        if before is not None:
+            self.now = before.now + 5.0
+            memories.append(before.race.memory())
+        memory = self.chance.choice(memories)
+        last = LastRun.NONE if memory is None else self.chance.choice([*LastRun])
+        self.feed(inputs.Recovered(self.now, memory, last))
+        self.connect(*KARTS)
+
+    def left_behind(self) -> RaceMemory:
+        """Return what a race control that was killed may have left, perhaps of another roster."""
+
+        def perhaps() -> bool:
+            return self.chance.random() < 0.5
+
+        karts = {
+            number: KartMemory(
+                *(perhaps(), perhaps(), self.chance.randrange(3)),
+                *(self.chance.choice([*Doubt]), perhaps()),
+            )
+            for number in (*KARTS, 9)
+            if perhaps()
+        }
+        return RaceMemory(self.chance.choice([*RaceState]), karts, perhaps(), perhaps())
+
+    def run(self, steps: int) -> Running:
+        for _ in range(steps):
+            self.now += self.chance.choice((0.0, 1e-6, 0.05, 0.05, 0.3, 1.0))
+            self.feed(self.anything())
+            if self.chance.random() < 0.3:
+                self.log.add(inputs.Shown(self.now))
+            if self.chance.random() < 0.1:
+                self.calm_down()
+        return self
+
+    def calm_down(self) -> None:
+        """Have nothing be wrong for a moment, and the official do what comes next."""
+        self.feed(inputs.Rival(self.now, False))
+        self.feed(inputs.RecordTrouble(self.now, ''))
+        self.connect(*(kart.number for kart in self.race.karts.values() if not kart.connected))
+        self.acknowledge()
+        self.feed(inputs.Saved(self.now, self.race.memory().gridded))
+        self.wait(self.race.times.settle_time)
+        self.command(NEXT[self.race.state], self.chance.choice(KARTS))
+
+    def tell(self, events: Iterable[Event]) -> None:
+        super().tell(each for each in events if not each.chatter or self.chance.random() < 0.5)
+        if self.chance.random() < 0.05:
+            own = self.chance.choice((EventKind.MALFORMED, EventKind.REFUSED_CONNECTION))
+            super().tell([Event(own, 'rubbish', success=False)])
+        if self.chance.random() < 0.5:
+            self.batches.append(self.log.take())
+
+    def anything(self) -> inputs.Input:
+        kart = self.race.karts[self.chance.choice(KARTS)]
+        what = self.chance.random()
+        if what < 0.25:
+            state = kart.sent if self.chance.random() < 0.8 else self.chance.choice([*RaceState])
+            serial = kart.serial if self.chance.random() < 0.9 else 0
+            return inputs.Heard(self.now, kart.number, serial, state)
+        if what < 0.28:
+            answered = self.chance.uniform(kart.ordered_at, self.now)
+            return inputs.Delivered(self.now, kart.number, kart.serial, answered)
+        if what < 0.31:
+            grade = self.chance.choice([*GRADES])
+            return inputs.Measured(self.now, kart.number, NOT_MEASURED._replace(grade=grade))
+        if what < 0.45:
+            return inputs.Tick(self.now)
+        if what < 0.5:
+            return inputs.Connected(self.now, kart.number)
+        if what < 0.53:
+            return inputs.Disconnected(self.now, kart.number, 'it was closed')
+        if what < 0.56:
+            rare: tuple[inputs.Input, ...] = (
+                inputs.Stalled(self.now, 1.5),
+                inputs.Rival(self.now, not self.race.has_rival),
+                inputs.Attended(self.now, Attendance(self.chance.randrange(3), 'Anna (window)')),
+                inputs.RecordTrouble(self.now, '' if self.race.record_fails else 'it fails'),
+                inputs.Saved(self.now, max(self.race.memory().gridded - 1, 0)),
+            )
+            return self.chance.choice(rare)
+        if self.race.state is RaceState.GRID_ACTIVE and what < 0.65:
+            return inputs.Saved(self.now, self.race.memory().gridded)
+        return self.any_command(kart.number)
+
+    def any_command(self, kart: int) -> inputs.Input:
+        """Return a command, mostly one that would be accepted, or what comes next in a race."""
+        likely = [NEXT[self.race.state]] * (self.chance.random() < 0.8)
+        for kind in (*likely, *self.chance.sample([*CATALOGUE], len(CATALOGUE))):
+            number = kart if CATALOGUE[kind].to_one_kart else 0
+            each = self.race.availability(kind, number, self.now)
+            if each.available or self.chance.random() < 0.2:
+                break
+        command = as_seen(
+            self.race,
+            kind,
+            number,
+            self.now,
+            statement=self.chance.random() < 0.9,
+            heat=self.chance.choice(('first', 'second', 'final', 'none')),
+            official=self.chance.choice(('', 'Anna', '<b>')),
+            roster=ROSTER,
+        )
+        return inputs.Commanded(self.now, command, self.now - self.chance.choice((0.0, 0.1)))
 
 
 def kept(entries: Sequence[Entry]) -> Kept:

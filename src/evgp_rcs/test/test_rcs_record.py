@@ -26,11 +26,11 @@ from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.inputs import Attended, Batch, decode, encode, Rules, Shown
 from evgp_rcs.rules.race import Attendance
 import pytest
-from recorded_races import change_event, PaperRace
+from recorded_races import change_event, PaperRace, Running, SETUP
 from rig.disks import Harm, in_database, in_place_of
 from rig.needs import need_program
 from test_inputs import HOSTILE_JSON, places_in, with_hostile
-from test_replay import an_ended_run, Running, SETUP
+from test_replay import an_ended_run
 
 Capture = pytest.CaptureFixture[str]
 PAGE = 4096

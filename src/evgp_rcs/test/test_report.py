@@ -53,13 +53,13 @@ from recorded_races import (
     PaperRace,
     report,
     rows_of,
+    Running,
     tables,
     TEAMS,
     three_karts,
     timed,
 )
 from rig.disks import garble_schema, Harm, in_database
-from test_replay import Running
 
 RED_FLAG, RED_RED = RaceState.RED_FLAG.name, RaceState.RED_RED.name
 
