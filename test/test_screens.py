@@ -24,11 +24,11 @@ from evgp_node.roster import Format, Heat
 from evgp_protocol.states import RaceState
 from evgp_rcs.ros.messages import events_message
 from evgp_rcs.ros.node import _asked_for
-from evgp_rcs.rules import race as rules
+from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, kinds_by_service
-from evgp_rcs.rules.inputs import Recovered
-from evgp_rcs.rules.race import Command, Doubt, KartMemory, LastRun, NO_RACE_ANYWHERE, RaceMemory
+from evgp_rcs.rules.race import Command, NO_RACE_ANYWHERE, Outcome
 from evgp_rcs.rules.snapshot import Snapshot, snapshot_of
+from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import results, texts
 from evgp_rcs_console.client import request_message
 from evgp_rcs_console.commands import Given, shows
@@ -37,48 +37,33 @@ from evgp_rcs_msgs import msg
 from evgp_timing.desk import Desk, Roster
 from evgp_timing.laps import LapSettings
 from evgp_timing.timekeeper import told_of
+from example_race import warning
 import pytest
-from recorded_races import PaperRace, report, rows_of, tables
+from recorded_races import report, ROSTER, rows_of, Running, SETUP, tables
 from recorded_races import timed as keep_results
 
-TEAMS = {1: 'Purdue', 2: 'Toledo', 3: 'Michigan', 4: 'Kennesaw State'}
+TEAMS = {each.number: each.team for each in SETUP.karts}
 HEATS = (
-    Heat('Heat 1', (1, 2), Format.RACE, 3),
-    Heat('Heat 2', (3, 4), Format.RACE, 3),
-    Heat('Final', (1, 2, 3, 4), Format.TIME_TRIAL, grid_from='Heat 1'),
+    Heat('first', (1, 2), Format.RACE, 3),
+    Heat('second', (3, 4), Format.RACE, 3),
+    Heat('final', (1, 2, 3, 4), Format.TIME_TRIAL, grid_from='first'),
 )
-RACE_HEATS = tuple(rules.Heat(heat.name, heat.karts) for heat in HEATS)
-READ = rules.Roster(tuple(rules.Entrant(each, 'Another', True) for each in TEAMS), RACE_HEATS)
-"""What the file of the roster says."""
 
 ASKING = {kind for kind in CommandKind if CATALOGUE[kind].asks}
 LETS_HUMANS_NEAR = CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK
 CONFIRMS_ALSO = {CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK}
 """What the question of IN GARAGE also offers: after the MSR was used, or otherwise."""
 
-LIKELY = {
-    RaceState.IN_GARAGE: (
-        CommandKind.KART_IN_GARAGE,
-        CommandKind.SET_HEAT,
-        CommandKind.GRID_ACTIVE,
-    ),
-    RaceState.GRID_ACTIVE: (CommandKind.GREEN_GREEN,),
-    RaceState.GREEN_GREEN: (CommandKind.KART_FINISH, *[None] * 6),
-    RaceState.RED_FLAG: (CommandKind.RACE_OVER,),
-    RaceState.RED_RED: (CommandKind.IN_GARAGE,),
-}
-"""What officials are likely to do; None: they count a lap."""
 
-
-class Timed(PaperRace):
+class Timed(Running):
     """
-    A run of race control beside the timekeeper, who hears all that it says.
+    A run of race control beside the timekeeper, who hears all that it says, and a console.
 
     :ivar said: the last results of each race of this run, by its number.
     """
 
-    def __init__(self, desk: Desk, run: str) -> None:
-        super().__init__(TEAMS, RACE_HEATS)
+    def __init__(self, desk: Desk, run: str, seed: int, before: Timed | None = None) -> None:
+        super().__init__(seed, before)
         self.race.run = run
         self.desk = desk
         self.said: dict[int, Standings] = {}
@@ -89,14 +74,14 @@ class Timed(PaperRace):
         asked = Correction(act, 'Ben', kart, reason='it was seen')._replace(**terms)
         self.desk.feed(Corrected(self.now, asked))
 
-    def give(self, kind: CommandKind, number: int, heat: str) -> None:
-        """Give a command; the console sees in the race what came of it."""
-        kart = number if CATALOGUE[kind].to_one_kart else 0
-        answer = self.command(kind, kart, heat=heat, roster=READ).answer
-        assert answer is not None
-        if answer.success:
+    def feed(self, given: inputs.Input) -> Outcome:
+        """Feed an input; the console sees in the race what came of a command."""
+        outcome = super().feed(given)
+        if isinstance(given, inputs.Commanded) and outcome.answer and outcome.answer.success:
+            kind, kart, heat = given.command.kind, given.command.kart, given.command.heat
             taken = {'heat': heat} if kind is CommandKind.SET_HEAT else {}
-            assert shows(self.shown, Given(kind, kart, taken=taken)), (kind, answer)
+            assert shows(self.shown, Given(kind, kart, taken=taken)), (kind, outcome.answer)
+        return outcome
 
     def hear(self) -> Standings:
         """Have the timekeeper hear what is new, and return the results."""
@@ -116,55 +101,24 @@ class Timed(PaperRace):
         return snapshot_of(self.race, self.now)
 
 
-def left_behind(chance: random.Random) -> RaceMemory:
-    """Return what a race control that was killed may have left."""
-
-    def perhaps() -> bool:
-        return chance.random() < 0.5
-
-    karts = {
-        number: KartMemory(perhaps(), perhaps(), 0, chance.choice([*Doubt]), perhaps())
-        for number in TEAMS
-    }
-    return RaceMemory(chance.choice([*RaceState]), karts, perhaps(), perhaps())
-
-
-def moments(chance: random.Random, steps: int) -> Iterator[tuple[Timed, bool]]:
+def moments(seed: int, steps: int) -> Iterator[tuple[Timed, bool]]:
     """Yield a race at moments of it, and whether race control ends there; it starts again."""
     desk = Desk(Roster((*TEAMS,), {}, HEATS), LapSettings())
-    timed = Timed(desk, 'run 1')
+    timed = Timed(desk, 'run 1', seed)
+    chance = random.Random(seed)
     for step in range(steps):
-        number, heat = chance.choice([*TEAMS]), chance.choice(HEATS).name
-        what = chance.random()
+        what, number = chance.random(), chance.choice([*TEAMS])
         if what < 0.01:
-            now = timed.now + 5.0
-            memory = chance.choice((timed.race.memory(), left_behind(chance), None))
             yield timed, True
-            timed = Timed(desk, f'run {step}')
-            timed.now = now
-            timed.feed(
-                Recovered(now, memory, chance.choice([*LastRun]) if memory else LastRun.NONE)
-            )
-        elif what < 0.1:
-            timed.connect(number)
-        elif what < 0.11:
-            timed.lose(number)
-        elif what < 0.4:
-            timed.acknowledge()
-        elif what < 0.55:
+            timed = Timed(desk, f'run {step}', chance.randrange(10**9), timed)
+        elif what < 0.1 and timed.race.state is RaceState.IN_GARAGE:
+            timed.command(CommandKind.SET_HEAT, heat=chance.choice(HEATS).name)
+        elif what < (0.55 if timed.race.state is RaceState.GREEN_GREEN else 0.1):
             timed.correct(Act.COUNT, number)
-        elif what < 0.56:
+        elif what > 0.99:
             timed.correct(Act.PENALISE, number, seconds=5, disqualified=chance.random() < 0.5)
-        elif what < 0.57:
-            timed.say(number, chance.choice([*RaceState]))
-        elif what < 0.65:
-            timed.wait(chance.choice((0.3, 4.0)))
-        elif what < 0.72:
-            timed.give(chance.choice([*CATALOGUE]), number, heat)
-        elif (kind := chance.choice(LIKELY[timed.race.state])) is not None:
-            timed.give(kind, number, heat)
         else:
-            timed.correct(Act.COUNT, number)
+            timed.run(1)
         yield timed, False
     yield timed, True
 
@@ -173,14 +127,15 @@ def check_screens(race: Snapshot, standings: Standings) -> None:
     """Check that window, terminal and board say of a race what its messages say."""
     message, said = message_of(race, msg.Race), message_of(standings, msg.Results)
     shown, found = value_of(message, Snapshot), value_of(said, Standings)
-    screen = Screen(shown, 0.0, {}, heard=found)
+    danger = warning(shown)
+    screen = Screen(shown, 0.0, {}, danger, heard=found)
     lines = table(screen)
     page = board.board(board.Heard(shown, found))
     sheet = board.results(board.Heard(shown, found))
 
-    assert f'Race: {page["head"]}  ({screen.since})' in lines
-    assert screen.state.text == page['head']
-    assert page['tone'] == screen.state.tone.value
+    assert f'Race: {screen.state.text}  ({screen.since})' in lines
+    head = Cell(danger.title, Tone.BAD) if danger.title else screen.state
+    assert (page['head'], page['tone']) == (head.text, head.tone.value)
     assert message.heat == race.heat
     if message.heat:
         assert texts.heat_in_race(screen.snapshot).startswith(message.heat)
@@ -189,7 +144,10 @@ def check_screens(race: Snapshot, standings: Standings) -> None:
         assert label.startswith(message.heat)
     rows = {row['kart']: row for row in page['rows']}
     # Until the next race is green, the window still shows the last results; the board does not.
-    of_last = (found.heat, found.race) != (race.heat, race.number or found.race)
+    about = race.run, race.heat, race.number or found.race
+    of_last = (found.run, found.heat, found.race) != about
+    # In the garage, the window shows the order of FINISH, and the board the results.
+    of_last |= not race.number and any(each.place for each in race.karts)
     for kart, row in zip(message.karts, screen.rows, strict=True):
         if kart.number in rows and kart.connected:
             assert rows[kart.number]['symbol'] == row.sent.text[0]
@@ -210,7 +168,7 @@ def check_screens(race: Snapshot, standings: Standings) -> None:
 def received(given: Given) -> Command:
     """Return a console's command as race control receives it."""
     kinds = kinds_by_service()[CATALOGUE[given.command].service]
-    return _asked_for(kinds, request_message(given))._replace(roster=READ)
+    return _asked_for(kinds, request_message(given))._replace(roster=ROSTER)
 
 
 def check_effects(button: Button, timed: Timed, shown: Snapshot) -> None:
@@ -224,8 +182,8 @@ def check_effects(button: Button, timed: Timed, shown: Snapshot) -> None:
     after = {kart.number: (kart.sent, kart.hold) for kart in race.karts.values()}
     parts = said.now, said.later, said.held, said.rest
     at_once, later, held, rest = ({kart.number for kart in part} for part in parts)
-    assert sorted([*at_once, *later, *held, *rest]) == sorted(TEAMS), 'each is named once'
-    changed = {number for number in TEAMS if before[number] != after[number]}
+    assert sorted([*at_once, *later, *held, *rest]) == sorted(before), 'each is named once'
+    changed = {number for number in before if before[number] != after[number]}
     sent = {order.kart for order in outcome.orders}
     if button.command is CommandKind.RECORD_MSR:
         assert changed <= at_once | later  # who was stopped already is sent the same again
@@ -240,7 +198,7 @@ def check_effects(button: Button, timed: Timed, shown: Snapshot) -> None:
     assert all(after[number][1] is not None for number in held)
     assert all(after[number][1] is None for number in rest - changed)
     consequences = '\n'.join(button.question.consequences)
-    for number in TEAMS:
+    for number in before:
         assert f'{number}' in consequences or button.kart or not at_once | later
     for also in button.also:
         answer = race.command(received(also), timed.now).answer
@@ -280,7 +238,7 @@ def check_records(record: pathlib.Path, last: list[Timed]) -> None:
     for run_number, timed in enumerate(last, 1):
         rows = [row for row in written if row['run'] == str(run_number)]
         newest = max((int(row['race']) for row in rows), default=0)
-        if newest and timed.shown.number in (0, newest):
+        if newest and newest == timed.race.grids:
             assert {kart.number: kart.place for kart in timed.shown.karts if kart.place} == {
                 int(row['kart']): int(row['finish'])
                 for row in rows
@@ -319,7 +277,7 @@ def test_screens_questions_and_records_say_of_a_race_what_it_is(tmp_path: pathli
     for seed in range(12):
         record, last, before = tmp_path / f'record{seed}' / 'record.sqlite3', list[Timed](), None
         record.parent.mkdir()
-        for timed, ends in moments(random.Random(seed), 300):
+        for timed, ends in moments(seed, 300):
             race, standings = timed.shown, timed.hear()
             if (race, standings) != before:  # else the command was refused
                 before = race, standings
