@@ -178,7 +178,7 @@ def test_make_takes_a_stop_by_a_name_that_is_easily_mistyped(name: str) -> None:
     line = ['make', '--dry-run', 'ctl', f'{name}=all-kill']
     root = pathlib.Path(__file__).resolve().parents[1]
     done = subprocess.run(line, cwd=root, capture_output=True, text=True, check=True)
-    assert re.search(r' ctl .* all-kill$', done.stdout, re.DOTALL)
+    assert re.search(r' ctl .* all-kill$', done.stdout, re.DOTALL | re.MULTILINE)
 
 
 NO_PERMISSION = """

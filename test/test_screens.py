@@ -146,8 +146,6 @@ def check_screens(race: Snapshot, standings: Standings) -> None:
     # Until the next race is green, the window still shows the last results; the board does not.
     about = race.run, race.heat, race.number or found.race
     of_last = (found.run, found.heat, found.race) != about
-    # In the garage, the window shows the order of FINISH, and the board the results.
-    of_last |= not race.number and any(each.place for each in race.karts)
     for kart, row in zip(message.karts, screen.rows, strict=True):
         if kart.number in rows and kart.connected:
             assert rows[kart.number]['symbol'] == row.sent.text[0]

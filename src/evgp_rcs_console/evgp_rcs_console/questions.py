@@ -88,7 +88,9 @@ class Asked:
                 return f'humans must stay off the track now: {why}'
             doubtful = texts.in_doubt(race)
             if doubtful and command is not CommandKind.KART_IN_GARAGE:
-                return f'only the MSR can stop {doubtful}, so leave the MSR on'
+                opens = command is CommandKind.OPEN_TRACK
+                then = 'so leave the MSR on' if opens else 'unless switched off'
+                return f'only the MSR can stop {doubtful}, {then}'
             if race.nobody_is_heard:
                 return f'no kart is connected; {texts.HUMANS_UNKNOWN_REASON}'
         return ''

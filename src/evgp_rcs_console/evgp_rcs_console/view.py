@@ -289,9 +289,9 @@ class Screen:
 
     @functools.cached_property
     def own_results(self) -> Standings | None:
-        """Return the newest results if they belong to the race in the snapshot."""
+        """Return the newest results if they belong to this race or, in the garage, to the last."""
         race, found = self.snapshot, self.results
-        own = found is not None and (found.run, found.race) == (race.run, race.number)
+        own = found is not None and found.run == race.run and race.number in (0, found.race)
         return found if own else None
 
     @functools.cached_property
