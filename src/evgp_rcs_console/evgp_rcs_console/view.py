@@ -291,7 +291,9 @@ class Screen:
     def own_results(self) -> Standings | None:
         """Return the newest results if they belong to this race or, in the garage, to the last."""
         race, found = self.snapshot, self.results
-        own = found is not None and found.run == race.run and race.number in (0, found.race)
+        if found is None or found.run != race.run:
+            return None
+        own = race.state is RaceState.IN_GARAGE or found.race == race.number
         return found if own else None
 
     @functools.cached_property

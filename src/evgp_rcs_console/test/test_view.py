@@ -449,9 +449,13 @@ def test_places_are_the_timekeepers_and_without_timing_the_order_of_finish_by_th
         screen = screen_of(results, karts=karts, state=state)
         assert (screen.places, [row.place for row in screen.rows]) == said
         assert screen.places in table(screen)
-    for number, shown in ((0, known), (3, known), (4, unknown)):  # 0: in the garage, after a race
-        screen = screen_of(timing(race=3, karts=timed), karts=karts, number=number)
-        assert screen.places == shown[0]
+    for state, number, said in (
+        (IN_GARAGE, 0, known),
+        (GREEN_GREEN, 3, known),
+        (RED_RED, 4, unknown),
+    ):
+        screen = screen_of(timing(race=3, karts=timed), karts=karts, state=state, number=number)
+        assert screen.places == said[0]
 
 
 def test_the_last_results_are_shown_until_the_next_race_is_green_and_never_in_it() -> None:
