@@ -217,18 +217,17 @@ class Heats(Choice):
             "Type the heat's number, then press Enter."
         )
         super().__init__(parent, 'heats', 'Which heat?', about)
-        self._next = ''
 
     @property
     def first(self) -> QtWidgets.QWidget:
         """Return the next heat's button; if none is next, the first button."""
-        found = (each for each in self._offered if each.button.gives.heat == self._next)
-        return next(found, super().first) if self._next else super().first
+        wanted = self.window().seen.screen.next_heat
+        found = (each for each in self._offered if wanted and each.button.gives.heat == wanted)
+        return next(found, super().first)
 
     def show_screen(self, screen: Screen) -> None:
         """Show the buttons. All except the one that reads the roster close the sheet."""
         heats, buttons = screen.heats, (*screen.heats, *screen.rosters)
-        self._next = screen.next_heat
         if len(buttons) != len(self._offered):
             offered = [CommandButton() for _ in buttons]
             for number, each in enumerate(offered):
