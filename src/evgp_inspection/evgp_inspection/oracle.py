@@ -29,6 +29,7 @@ import statistics
 from evgp_inspection.limits import Limits
 from evgp_inspection.traces import Event, Kind, Said, SentState, Trace
 from evgp_inspection.verdicts import EARLY, Finding, Verdict
+from evgp_protocol.hearing import FLOOD_BYTES
 from evgp_protocol.states import RaceState
 
 IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
@@ -66,7 +67,7 @@ SOONER = 0.95
 """Fraction of the time until the RED_FLAG report within which an unseen kart must report
 RED_RED."""
 
-MOST_BYTES_A_SECOND = 4096 * 12
+MOST_BYTES_A_SECOND = 12 * FLOOD_BYTES
 """Maximum number of bytes per second that is not a flood."""
 
 AROUND = 2.0
