@@ -145,3 +145,9 @@ def test_a_command_of_the_package_explains_itself_and_ignores_no_setting_of_anot
     refused = subprocess.run([*words, 'FROM=a'], env=environment, capture_output=True, text=True)
     assert refused.returncode == 2
     assert f'{called} does not accept FROM=a.' in refused.stderr
+
+
+@pytest.mark.parametrize('command', ['roster', 'run', 'timekeeper', 'window'])
+def test_no_argument_is_dropped_in_silence(command: str, run: Run) -> None:
+    with pytest.raises(subprocess.CalledProcessError):
+        run(command, '--anything')
