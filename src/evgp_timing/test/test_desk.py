@@ -9,7 +9,7 @@ import itertools
 
 from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Mark, Passing, Status
 from evgp_node.roster import Format, Heat
-from evgp_timing.desk import Answer, Desk, Finish, Input, Missed, Passed, Roster, Terms, Told, What
+from evgp_timing.desk import Answer, Desk, Input, Missed, Passed, Roster, Terms, Told, What
 from evgp_timing.laps import LapSettings
 from evgp_timing.passings import MAX_RATE
 from hypothesis import given
@@ -103,81 +103,6 @@ def test_karts_that_are_sent_green_race_and_their_laps_count(event: Event) -> No
     assert event.places() == [(2, 1, Status.CLASSIFIED), (1, 2, Status.CLASSIFIED)]
     (last,) = (each for each in event.desk.standings().passings if each.passing == seen)
     assert last.mark is Mark.NOT_COUNTED
-
-
-def test_a_finish_is_the_crossing_where_only_the_last_lap_is_left(event: Event) -> None:
-    event.start('Heat 1', 1, 2)
-    event.lap(1, 1, 2)
-    event.now += 10.0
-    event.tell(What.FINISH, 1)
-    assert event.places()[0] == (1, 1, Status.CLASSIFIED)
-    assert event.desk.races[-1].laps.is_done(1)
-    pressed = event.desk.standings().karts[0].lap_times[-1]
-    # The line says it a moment later: it is the same crossing, with the line's time.
-    event.cross(1, after=0.3, ago=0.4)
-    winner = event.desk.standings().karts[0]
-    assert winner.laps == 2
-    assert winner.lap_times[-1] == pytest.approx(pressed - 0.1)
-    event.cross(1)  # on its way to the garage
-    assert event.desk.standings().karts[0] == winner
-    event.tell(What.UNDO_FINISH, 1)
-    assert event.desk.standings().karts[0].lap_times == winner.lap_times  # the line saw it
-
-
-def test_an_undone_finish_strikes_its_crossing_and_auto_finish_does_not_give_it_again(
-    event: Event,
-) -> None:
-    event.start('Heat 2', 3)
-    event.lap(1, 3)
-    event.now += 10.0
-    event.tell(What.FINISH, 3)
-    event.tell(What.UNDO_FINISH, 3)
-    (kart,) = event.desk.standings().karts
-    assert (kart.laps, kart.status) == (1, Status.RUNNING)
-    event.cross(3)
-    assert event.desk.races[-1].laps.is_done(3)
-    assert [*event.desk.finishes()] == []
-
-
-@pytest.mark.parametrize('beam_first', [True, False])
-def test_a_finish_of_the_wrong_kart_gives_back_the_crossing_that_a_beam_saw(
-    event: Event, beam_first: bool
-) -> None:
-    event.start('Heat 1', 1, 2)
-    event.lap(1, 1, 2)
-    event.now += 20.0
-    beam = Passing('beam', 'today', 1, stamp_ns=round(event.now * 1e9))
-    if not beam_first:
-        event.tell(What.FINISH, 2)
-        event.now += 0.3
-    event.desk.feed(Passed(event.now, (beam,)))
-    if beam_first:
-        event.now += 0.5
-        event.tell(What.FINISH, 2)
-    event.now += 1.0
-    event.tell(What.UNDO_FINISH, 2)
-    assert {each.laps for each in event.desk.standings().karts} == {1}
-    event.now += 1.0
-    event.tell(What.FINISH, 1)
-    first, second = event.desk.standings().karts
-    assert (first.kart, first.laps, second.laps) == (1, 2, 1)
-    (seen,) = (each for each in event.desk.standings().passings if each.passing == beam)
-    assert (seen.kart, seen.mark) == (1, Mark.COUNTED)
-    assert event.desk.questions(event.now) == []
-
-
-@pytest.mark.parametrize('heats', [ROSTER.heats, ()])
-def test_auto_finish_asks_for_the_finish_of_a_kart_with_all_its_laps(
-    event: Event, heats: tuple[Heat, ...]
-) -> None:
-    event.start('Heat 2', 3)
-    event.desk.feed(Terms(event.now, ROSTER._replace(heats=heats), LapSettings()))
-    event.lap(1, 3)
-    assert [*event.desk.finishes()] == []
-    event.cross(3)
-    assert [*event.desk.finishes()] == [Finish('run 1', 1, 3)]
-    event.tell(What.FINISH, 3)
-    assert [*event.desk.finishes()] == []
 
 
 @pytest.mark.parametrize(
@@ -290,18 +215,6 @@ def test_an_order_of_finish_that_is_not_that_of_the_results_is_a_question_if_it_
     assert not any('order of FINISH' in each for each in event.desk.questions())
 
 
-@pytest.mark.parametrize('crossings', [0, 1])
-def test_a_kart_that_is_finished_with_laps_missing_is_a_question(
-    event: Event, crossings: int
-) -> None:
-    event.start('Heat 1', 1, 2)
-    for _ in range(crossings):
-        event.cross(1)
-    event.now += 20.0
-    event.tell(What.FINISH, 1)
-    assert event.desk.questions() == ['Kart 1 is marked as finished, but 2 laps are missing']
-
-
 def test_a_kart_or_heat_that_is_not_in_the_roster_here_is_a_question(event: Event) -> None:
     event.start('Heat 9', 1, 7)
     (asked,) = event.desk.questions()
@@ -376,18 +289,6 @@ def test_an_officials_passing_beyond_the_limit_is_refused_and_withdraws_no_resul
     assert event.desk.standings().published
 
 
-@pytest.mark.parametrize('what', [What.OVER, What.LEFT, What.FINISH])
-def test_a_passing_that_comes_before_the_word_of_what_was_earlier_does_not_count(
-    event: Event, what: What
-) -> None:
-    event.start('', 1)
-    event.cross(1)
-    happened = event.now + 10.0
-    event.cross(1, after=11.0)
-    event.desk.feed(Told(happened, what, event.run, event.race, event.heat, 1))
-    assert event.desk.standings().karts[0].laps == 0
-
-
 def test_results_that_change_after_they_were_published_are_no_longer_official(
     event: Event,
 ) -> None:
@@ -449,54 +350,6 @@ def test_a_kart_starts_although_the_heat_that_its_place_came_from_has_left_the_r
     event.desk.feed(Terms(event.now, ROSTER._replace(heats=()), LapSettings()))
     event.tell(What.SENT_GREEN, 2)
     assert [kart for kart, *_ in event.places()] == [1, 2]
-
-
-@pytest.mark.parametrize('what', [What.OVER, What.FINISH, What.LEFT])
-def test_what_the_line_saw_while_the_timekeeper_was_away_counts_whatever_happened_since(
-    event: Event, what: What
-) -> None:
-    event.start('Heat 1', 1, 2)
-    event.cross(1)
-    away = [event.cross_later(1, after) for after in (20.0, 45.0, 70.0)]
-    event.now += 50.0
-    event.tell(what, 1)
-    event.now += 30.0
-    event.desk.feed(Passed(event.now, tuple(away), away=80.0))
-    (kart,) = (each for each in event.desk.standings().karts if each.kart == 1)
-    assert kart.lap_times == pytest.approx((20.0, 25.0))
-    assert event.desk.standings().passings[-1].mark is Mark.NOT_COUNTED
-
-
-def test_a_kart_that_is_released_a_second_time_left_the_race_the_first_time(
-    event: Event,
-) -> None:
-    event.start('Heat 1', 1, 2)
-    event.lap(1, 1)
-    event.tell(What.LEFT, 1)
-    event.cross(1)  # its team pushes it over the line
-    event.now += 10.0
-    event.tell(What.LEFT, 1)
-    (kart,) = (each for each in event.desk.standings().karts if each.kart == 1)
-    assert len(kart.lap_times) == 1
-
-
-@pytest.mark.parametrize(('kart', 'later'), [(0, 1.0), (1, 1.0), (0, 30.0)])
-def test_a_press_takes_only_a_crossing_just_before_it_that_is_told_once_the_timekeeper_is_back(
-    event: Event, kart: int, later: float
-) -> None:
-    event.start('Heat 1', 1, 2)
-    event.desk.feed(Passed(event.now, (event.cross_later(2, 0.0),)))
-    seen = event.cross_later(kart, 30.0)
-    if not kart:
-        seen = seen._replace(transponder='')
-    event.now += 30.0 + later
-    assert event.correct(Act.COUNT, 1)
-    event.now += 1.0
-    event.desk.feed(Passed(event.now, (seen,), away=later + 20.0))
-    _, *shown = sorted(event.desk.standings().passings, key=lambda each: each.at)
-    assert (shown[-1].kart, shown[-1].mark) == (1, Mark.COUNTED)
-    assert [each.mark for each in shown[:-1]] == ([] if later < 10.0 else [Mark.UNKNOWN])
-    assert shown[0].passing == seen
 
 
 def test_where_the_first_crossing_ends_lap_1_it_does_so_for_the_kart_that_was_sent_green_last(

@@ -152,24 +152,6 @@ def test_a_clock_that_agrees_gives_the_lap_times_to_the_nanosecond_whatever_it_s
     assert not laps.trouble(GREEN)
 
 
-@given(
-    st.sampled_from((-86_400.0, -600.0, 600.0, 86_400.0)),
-    st.floats(6.0, 40.0),
-)
-def test_a_clock_that_jumps_is_told_by_the_name_of_its_source_and_the_arrival_counts(
-    jump: float, step: float
-) -> None:
-    fresh = Story(race())
-    fresh.passing('line', 1, '', 0.0)
-    for late in (0.0, 0.3):  # once it has jumped, the source's clock counts again
-        fresh.now += step
-        fresh.passing('line', 1, '', jump - late)
-
-    assert fresh.laps.clocks == {'line'}
-    assert 'line' in fresh.laps.trouble(GREEN)
-    assert fresh.laps.counted[1] == pytest.approx((0.0, step, 2 * step - 0.3))
-
-
 @given(stories(), st.data(), st.sampled_from(KARTS))
 def test_what_is_struck_out_does_not_count_and_all_that_is_undone_is_as_before(
     story: Story, data: st.DataObject, kart: int
@@ -208,24 +190,6 @@ def test_a_transponder_that_is_given_later_counts_as_if_the_kart_had_it_from_the
     assert 't9' not in late.trouble(GREEN)
 
 
-def test_an_official_counts_a_lap_that_lacks_after_the_finish_until_all_are_there() -> None:
-    """Such as in place of a false last lap that was struck out too late."""
-    story = Story(race(1))
-    for at, source in ((0.0, 'line'), (20.0, 'line')):
-        story.now = at
-        story.passing(source, 1, '', 0.0)
-    story.laps = story.laps.finish(1, GREEN + 20.0).strike(story.told[1][1].identity, 'false')
-    for source, done in (('line', False), (BY_HAND, True), (BY_HAND, True)):
-        story.now += 10.0
-        story.passing(source, 1, '', 0.0)
-        assert story.laps.is_done(1) is done
-
-    assert story.laps.result(1).lap_times == pytest.approx((40.0,))
-    story.laps = race().finish(1, GREEN)
-    story.passing(BY_HAND, 1, '', 0.0)
-    assert not story.laps.counted[1]  # of a race without a number of laps none lacks
-
-
 @pytest.mark.parametrize(
     ('transponders', 'kart'),
     [
@@ -242,121 +206,6 @@ def test_a_transponder_with_a_label_is_known_by_either_unless_they_are_of_two_ka
 ) -> None:
     laps = dataclasses.replace(race(), transponders=transponders)
     assert laps.kart_of(Passing('line', 'today', 1, transponder='42 FL 1')) == kart
-
-
-def test_somebody_who_crosses_is_the_only_kart_of_the_race() -> None:
-    alone = dataclasses.replace(race(), karts=(2,)).again()
-    beam = Passing('beam', 's', 1)
-
-    (taken,) = alone.take([beam], GREEN + 10.0).crossings
-    assert (taken.kart, taken.mark) == (2, Mark.COUNTED)
-    laps = race().take([beam], GREEN + 10.0)
-    (taken,) = laps.crossings
-    assert (taken.kart, taken.mark) == (0, Mark.UNKNOWN)
-    assert laps.trouble(GREEN + 20.0)
-
-
-def beam_of(story: Story, *seconds: float) -> list[Passing]:
-    """Have a beam see somebody at these times, and return the passings."""
-    told = len(story.told)
-    for story.now in seconds:
-        story.passing('beam', 0, '', 0.0)
-    return [passing for _, passing in story.told][told:]
-
-
-def test_a_press_gives_the_kart_the_oldest_crossing_that_a_beam_saw_lately() -> None:
-    story = Story(race())
-    (bird,) = beam_of(story, 10.0)
-    story.now = 12.9
-    story.press(2)
-    beam_of(story, 29.0, 30.0)
-    for story.now, kart in ((30.5, 2), (30.6, 2), (31.0, 1)):
-        story.press(kart)
-
-    # The second press is too soon for another lap of kart 2, and takes nothing from kart 1.
-    assert story.laps.counted == {1: (30.0,), 2: (10.0, 29.0), 3: ()}
-    assert [each.mark for each in story.laps.crossings].count(Mark.DOUBTFUL) == 1
-    # A press is shown by itself only if no crossing is shown for it.
-    shown = [(each.passing.source, each.mark) for each in story.laps.last_passings(9)]
-    assert shown == [('beam', Mark.COUNTED)] * 3 + [(BY_HAND, Mark.DOUBTFUL)]
-    second = story.laps.crossings[4].passing
-    freed = story.laps.strike(second.identity, 'the wrong letter')
-    assert freed.counted[1] == (30.0,)
-    assert freed.kart_of(story.laps.crossings[2].passing) == 0
-    struck = story.laps.strike(bird.identity, 'a bird')
-    assert struck.counted[2] == pytest.approx((12.9, 29.0))  # the press counts instead
-    assert struck.restore(bird.identity).counted == story.laps.counted
-
-
-@pytest.mark.parametrize('kart', [0, 2])
-@pytest.mark.parametrize(
-    ('presses', 'left', 'seen', 'counts'),
-    [
-        pytest.param([10.0], 60.0, 10.4, 10.4, id='it is the same crossing'),
-        pytest.param([10.0, 10.2], 60.0, 10.4, 10.4, id='two officials have pressed'),
-        pytest.param([10.0], 60.0, 10.6, 10.0, id='too late'),
-        pytest.param([10.0], 10.1, 10.4, 10.0, id='it would not count'),
-    ],
-)
-def test_what_a_source_sees_just_after_a_press_takes_its_place_if_no_lap_is_lost_by_that(
-    kart: int, presses: list[float], left: float, seen: float, counts: float
-) -> None:
-    story = Story(race())
-    for story.now in presses:
-        story.press(2)
-    story.laps = story.laps.leave(2, GREEN + left)
-    story.now = seen
-    story.passing('line', kart, '', 0.0)
-    assert story.laps.counted[2] == pytest.approx((counts,))
-    *pressed, _ = (each.mark for each in story.laps.crossings)
-    assert {*pressed} == {Mark.NOT_COUNTED if counts == seen else Mark.COUNTED}
-
-
-def test_a_press_counts_and_is_listed_while_the_crossing_that_it_claims_is_struck() -> None:
-    for now in (9.8, 10.2):  # the press is before or after what the beam sees
-        story = Story(race(), now)
-        if now < 10.0:
-            story.press(2)
-        (seen,) = beam_of(story, 10.0)
-        if now > 10.0:
-            story.now = now
-            story.press(2)
-        assert story.laps.counted[2] == (10.0,)
-
-        struck = story.laps.strike(seen.identity, 'a bird')
-
-        assert struck.counted[2] == pytest.approx((now,))
-        shown = {each.passing.source: each.mark for each in struck.last_passings(9)}
-        assert shown == {'beam': Mark.STRUCK, BY_HAND: Mark.COUNTED}
-        restored = struck.restore(seen.identity)
-        assert restored.counted == story.laps.counted
-        assert restored.last_passings(9) == story.laps.last_passings(9)
-
-
-def test_a_press_that_is_restored_counts_by_itself_if_another_has_claimed_its_crossing() -> None:
-    story = Story(race())
-    beam_of(story, 10.0)
-    story.now = 10.2
-    story.press(2)
-    first = story.laps.crossings[1].passing.identity
-    story.laps = story.laps.strike(first, 'the wrong letter')
-    story.now = 10.5
-    story.press(1)
-    assert story.laps.counted == {1: (10.0,), 2: (), 3: ()}
-
-    restored = story.laps.restore(first)
-
-    assert restored.counted == {1: (10.0,), 2: (pytest.approx(10.2),), 3: ()}
-    assert len(restored.last_passings(9)) == 2
-
-
-def test_nobody_asks_who_crossed_while_an_official_may_still_press() -> None:
-    story = Story(race())
-    beam_of(story, 10.0)
-    assert not story.laps.trouble(GREEN + 13.0)
-    assert story.laps.trouble(GREEN + 13.1)
-    beam_of(story, 13.0)
-    assert story.laps.trouble(GREEN + 13.1)
 
 
 # ----- bounds -------------------------------------------------------------------------------

@@ -9,13 +9,8 @@ from collections.abc import Iterator
 import time
 
 from evgp_node.results import (
-    Act,
-    BY_HAND,
-    Judged,
     KartResult,
     lap_time,
-    Mark,
-    Passing,
     Penalty,
     RaceOfEvent,
     Standings,
@@ -57,17 +52,6 @@ def race(*karts: KartResult, **fields: object) -> Standings:
     return seen._replace(**fields)  # type: ignore[arg-type]
 
 
-def cell(results: Standings, kart: int, heading: str) -> str:
-    (row,) = (each for each in view.rows(results, TEAMS) if each.kart == kart)
-    return row.cells[view.HEADINGS.index(heading)]
-
-
-def seen(kart: int, number: int, mark: Mark = Mark.COUNTED, **fields: object) -> Judged:
-    passing = Passing('line', 'today', number, 0, f'100{kart}' if kart else '')
-    judged = Judged(passing, kart, mark, 60.0 * number, '')
-    return judged._replace(**fields)  # type: ignore[arg-type]
-
-
 @pytest.mark.parametrize(
     ('seconds', 'digits', 'text'),
     [
@@ -84,85 +68,24 @@ def test_a_time_is_minutes_and_seconds(seconds: float | None, digits: int, text:
 
 
 def test_a_row_has_what_the_timekeeper_says_of_a_kart() -> None:
-    results = race(result(7, 1, 40.0, 41.25, 39.5, status=Status.CLASSIFIED), result(3, 2, 42.0))
-    first, second = view.rows(results, TEAMS)
-    assert first.cells == (
-        *('1', '7', 'Purdue', '3', '2:00.750', ''),
-        *('0:39.500', '0:39.500', 'classified'),
+    lap = Penalty(5, 0, 1, False, 'overtook under yellow', 'Ben')
+    results = race(
+        result(7, 1, 40.0, 41.25, 39.5, status=Status.CLASSIFIED),
+        result(3, 2, 41.0, 42.5, 40.0),
+        result(5, 3, 42.0, 41.0, penalties=(lap,)),
+        result(9, 0, 41.0, status=Status.DNF),
     )
-    assert second.cells == (
-        *('2', '3', 'Georgia Tech', '1', '0:42.000', '+2 laps'),
-        *('0:42.000', '0:42.000', 'lap 2'),
-    )
-
-
-def test_a_gap_is_in_laps_or_seconds_in_practice_between_best_laps_and_none_without_a_place() -> (
-    None
-):
-    out = result(9, 0, 41.0, status=Status.DNF)
-    results = race(result(7, 1, 40.0, 40.0), result(3, 2, 41.0, 42.5), result(5, 3, 39.0), out)
-    assert [cell(results, kart, 'GAP') for kart in (3, 5, 9)] == ['+3.500', '+1 lap', '']
-    assert cell(results, 9, 'STATUS') == 'did not finish'
+    rows = view.rows(results, TEAMS)
+    assert [' | '.join(row.cells) for row in rows] == [
+        '1 | 7 | Purdue | 3 | 2:00.750 |  | 0:39.500 | 0:39.500 | classified',
+        '2 | 3 | Georgia Tech | 3 | 2:03.500 | +2.750 | 0:40.000 | 0:40.000 | lap 4',
+        '3 | 5 |  | 1 | 1:23.000 | +2 laps | 0:41.000 | 0:41.000 | '
+        'lap 3; -1 lap: overtook under yellow',
+        ' | 9 |  | 1 | 0:41.000 |  | 0:41.000 | 0:41.000 | did not finish',
+    ]
+    assert [row.kart for row in rows if row.penalised] == [5]
     practice = race(result(5, 1, 39.0), result(7, 2, 41.0, 40.0), format=Format.PRACTICE)
-    assert cell(practice, 7, 'GAP') == '+1.000'
-
-
-def test_a_lap_that_was_taken_away_is_still_the_lap_of_its_crossing() -> None:
-    lap = Penalty(7, 0, 1, False, 'overtook under yellow', 'Ben')
-    results = race(
-        result(7, 1, 40.0, 41.0, penalties=(lap,)),
-        result(3, 2, 40.0),
-        passings=(seen(7, 1), seen(7, 2), seen(7, 3)),
-    )
-    assert cell(results, 7, 'LAPS') == '1'
-    assert cell(results, 7, 'STATUS') == 'lap 3; -1 lap: overtook under yellow'
-    assert [row.penalised for row in view.rows(results, TEAMS)] == [True, False]
-    assert next(view.crossings(results)).text == 'lap 2, 0:41.000'
-
-
-def test_crossings_are_newest_first_each_with_the_lap_that_it_ended() -> None:
-    results = race(
-        result(7, 1, 40.0, 41.0, 42.0),
-        result(3, 2, 43.0),
-        passings=(seen(3, 1), *(seen(7, number) for number in (2, 3, 4, 5)), seen(3, 6)),
-    )
-    found = [*view.crossings(results)]
-    assert [(each.at, each.kart, each.text) for each in found] == [
-        ('6:00.0', '3', 'lap 1, 0:43.000'),
-        ('5:00.0', '7', 'lap 3, 0:42.000: finish'),
-        ('4:00.0', '7', 'lap 2, 0:41.000'),
-        ('3:00.0', '7', 'lap 1, 0:40.000'),
-        ('2:00.0', '7', 'starts lap 1'),
-        ('1:00.0', '3', 'starts lap 1'),
-    ]
-    assert str(found[4]) == 'Kart 7 at 2:00.0: starts lap 1 (line 2)'  # as a dialog names it
-    # Also where only the last passings are there, they are of the last laps.
-    last = results._replace(passings=results.passings[-3:])
-    assert [*view.crossings(last)] == found[:3]
-
-
-def test_what_does_not_count_ends_no_lap_and_says_why() -> None:
-    results = race(
-        result(7, 1, 40.0),
-        passings=(
-            seen(7, 1),
-            seen(7, 2, Mark.STRUCK, struck='seen twice (Ben)'),
-            seen(7, 3, Mark.DOUBTFUL),
-            seen(0, 4, Mark.UNKNOWN, passing=Passing('line', 'today', 4, 0, '4711')),
-            seen(0, 5, Mark.UNKNOWN),
-            seen(7, 6, Mark.NOT_COUNTED),
-            seen(7, 7, passing=Passing(BY_HAND, 'run 1', 1, 7)),
-        ),
-    )
-    assert [(each.kart, each.text, each.act) for each in view.crossings(results)] == [
-        ('7', 'by hand, lap 1, 0:40.000', Act.STRIKE),
-        ('7', 'not counted', Act.STRIKE),
-        ('?', 'kart unknown', Act.STRIKE),
-        ('?', 'transponder 4711', Act.GIVE),
-        ('7', 'doubtful: too soon after the last crossing', Act.STRIKE),
-        ('7', 'struck: seen twice (Ben)', Act.RESTORE),
-        ('7', 'starts lap 1', Act.STRIKE),
-    ]
+    assert practice.behind(7) == '+1.000'  # between best laps
 
 
 def test_the_header_says_which_race_it_is_and_whether_its_results_are_published() -> None:
