@@ -5,13 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from evgp_node.results import Passing
 from evgp_timing.account import Account, RECENT, REMEMBERED, Trouble
 from evgp_timing.passings import (
     CLOCK_TOLERANCE,
-    Event,
     MAX_RATE,
     of_device,
     Refused,
@@ -40,14 +37,6 @@ def passing(at: float, number: int = 0, transponder: str = '7') -> Passing:
     return of_device(round(at * 1_000_000), number, transponder)
 
 
-def account(*events: tuple[float, Passing]) -> Account:
-    """Return an account with passings taken, each at its time."""
-    made = Account(0.0)
-    for now, event in events:
-        made.take(event, now)
-    return made
-
-
 @given(st.lists(st.tuples(st.floats(0.0, 2.0), EVENTS), max_size=100))
 def test_no_two_passings_have_one_identity_and_no_number_leaves_its_range(
     events: list[tuple[float, Passing | Sign | Refused]],
@@ -65,100 +54,81 @@ def test_no_two_passings_have_one_identity_and_no_number_leaves_its_range(
     assert made.taken == len(given_out)
 
 
-def test_a_passing_said_again_is_left_out_and_told() -> None:
-    made = account((1.0, passing(1.0, 41)), (2.0, passing(2.0, 42)))
-    session = made.session
-    assert made.take(passing(1.0, 41), 3.0) is None
-    assert made.session == session
-    assert made.trouble(3.0) is Trouble.REPEATED
-    assert made.trouble(3.0 + RECENT) is None
+JUMP = CLOCK_TOLERANCE + 0.1
+
+SAID: dict[str, tuple[list[tuple[float, Passing]], list[int | None], dict[Trouble, int]]] = {
+    name: ([(now, passing(*said)) for now, *said in events], numbers, counts)
+    for name, events, numbers, counts in (
+        ('again', [(1, 1, 41), (2, 2, 42), (3, 1, 41)], [41, 42, None], {Trouble.REPEATED: 1}),
+        ('count anew', [(1, 1, 41), (2, 2, 1), (3, 3, 2)], [41, 1, 2], {Trouble.RESTARTED: 1}),
+        ('all anew', [(1, 500, 41), (2, 0.5, 1), (3, 1.5, 2)], [41, 1, 2], {Trouble.RESTARTED: 1}),
+        (
+            'clock anew, without a count',  # nothing but its clock shows that it has restarted
+            [(1, 500), (2, 0.5), (3, 1.5)],
+            [1, 1, 2],
+            {Trouble.RESTARTED: 1, Trouble.CLOCK: 1},
+        ),
+        ('a selection of a count', [(1, 1, 41), (2, 2, 45)], [41, 45], {}),
+        (
+            'not received, where it counts by one',
+            [(1, 1, 41), (2, 2, 45), (3, 3, 46), (4, 4, 48)],
+            [41, 45, 46, 48],
+            {Trouble.MISSED: 4},
+        ),
+        (
+            'a gate, by its number or its label',
+            [(1, 1, 1), (2, 2, 2, '9992'), (3, 3, 3, '12 G-1'), (4, 4, 4)],
+            [1, None, None, 4],
+            {},
+        ),
+        *(
+            (
+                f'clock {jump:+g} s',
+                [(1, 10, 1), (2, 11 + jump, 2), (3, 12 + jump, 3)],
+                [1, 2, 3],
+                {Trouble.CLOCK: 1},
+            )
+            for jump in (JUMP, -JUMP, 1e9)
+        ),
+        (
+            'too many',
+            [*((0.5, n / 1000, n) for n in range(1, MAX_RATE + 51)), (1.5, 1.5, MAX_RATE + 51)],
+            [*range(1, MAX_RATE + 1), *[None] * 50, MAX_RATE + 51],
+            {Trouble.TOO_MANY: 50},
+        ),
+    )
+}
+"""Passings, each with the time at which it is heard; the numbers of those that are taken, and what
+is told."""
+
+LIVE = [(event.stamp_ns / 1e9, event) for _, event in P3_LIVE if isinstance(event, Passing)]
+SAID['a selection of a count, live'] = (LIVE, [8841, None, 8857, 8859, 8861], {})
 
 
-@pytest.mark.parametrize(
-    'said',
-    [
-        pytest.param([(1.0, 41), (2.0, 1), (3.0, 2)], id='a count'),
-        pytest.param([(500.0, 41), (0.5, 1), (1.5, 2)], id='a count and its clock'),
-        pytest.param([(500.0, 0), (0.5, 0), (1.5, 0)], id='the clock of a device without a count'),
-    ],
-)
-def test_what_begins_anew_is_another_session_and_one_restart(
-    said: list[tuple[float, int]],
+@pytest.mark.parametrize(('said', 'numbers', 'counts'), SAID.values(), ids=SAID)
+def test_what_a_device_does_wrong_is_counted_and_told_and_the_rest_is_taken(
+    said: list[tuple[float, Passing]], numbers: list[int | None], counts: dict[Trouble, int]
 ) -> None:
-    before, first, second = (passing(*each) for each in said)
-    made = account((1.0, before))
-    session = made.session
-    assert number(made, first, 2.0) == 1
-    assert made.session != session
-    assert made.trouble(2.0) is Trouble.RESTARTED
-    assert number(made, second, 3.0) == 2
-    assert made.counts[Trouble.RESTARTED] == 1
-    # Nothing but its clock shows that a device without a count has restarted.
-    assert made.counts[Trouble.CLOCK] == (0 if first.number else 1)
-
-
-def test_passings_that_were_not_received_are_counted_once_the_device_has_counted_by_one() -> None:
-    made = account((1.0, passing(1.0, 41)), (2.0, passing(2.0, 45)))
-    assert made.counts[Trouble.MISSED] == 0
-    made.take(passing(3.0, 46), 3.0)
-    assert made.counts[Trouble.MISSED] == 3
-    assert made.trouble(3.0) is Trouble.MISSED
-    made.take(passing(4.0, 48), 4.0)
-    assert made.counts[Trouble.MISSED] == 4
-
-
-def taken(made: Account, events: Iterable[Event]) -> list[Passing]:
-    """Return what is taken of these, each at the time that it says."""
-    found, now = [], 0.0
-    for event in events:
-        now = event.stamp_ns / 1e9 if isinstance(event, Passing) else now
-        found.append(made.take(event, now))
-    return [each for each in found if each is not None]
-
-
-def number(made: Account, event: Event, now: float) -> int | None:
-    """Return the number with which an event is taken, or None."""
-    found = made.take(event, now)
-    return found and found.number
-
-
-def test_a_selection_of_a_count_is_not_missed() -> None:
-    made = Account(0.0)
-    assert len(taken(made, (event for _, event in P3_LIVE))) == 5
-    assert set(made.counts.values()) == {0}
+    made = Account(0.0, frozenset(('9992', 'G-1')))
+    sessions = {made.session}
+    found = []
+    for now, event in said:
+        taken = made.take(event, now)
+        found.append(taken and taken.number)
+        sessions.add(made.session)
+    assert found == numbers
+    assert {each: count for each, count in made.counts.items() if count} == counts
+    assert len(sessions) == 1 + counts.get(Trouble.RESTARTED, 0)
+    assert made.trouble(now) is next((each for each in Trouble if each in counts), None)
+    assert made.trouble(now + RECENT) is None
 
 
 def test_a_decoder_without_checksums_is_told_of_once() -> None:
-    made, first = Account(0.0), Unchecked(*passing(1.0, 1))
-    assert number(made, first, 1.0) == 1
-    assert made.trouble(1.0) is Trouble.UNCHECKED
-    made.take(Unchecked(*passing(1.0 + RECENT, 2)), 1.0 + RECENT)
-    assert made.trouble(1.0 + RECENT) is None
-    assert made.counts[Trouble.UNCHECKED] == 2
-
-
-def test_a_gate_is_left_out_by_its_number_or_its_label_and_its_count_is_not_missed() -> None:
-    made = Account(0.0, frozenset(('9992', 'G-1')))
-    events = [passing(1.0, 1), passing(2.0, 2, '9992'), passing(3.0, 3, '12 G-1'), passing(4.0, 4)]
-    assert [each.number for each in taken(made, events)] == [1, 4]
-    assert made.trouble(4.0) is None
-
-
-@pytest.mark.parametrize('jump', [CLOCK_TOLERANCE + 0.1, -CLOCK_TOLERANCE - 0.1, 1e9])
-def test_a_clock_that_jumps_is_told_once_and_the_passing_is_taken(jump: float) -> None:
-    made = account((1.0, passing(10.0, 1)))
-    assert number(made, passing(11.0 + jump, 2), 2.0) == 2
-    assert number(made, passing(12.0 + jump, 3), 3.0) == 3
-    assert made.counts[Trouble.CLOCK] == 1
-
-
-def test_passings_beyond_the_rate_are_left_out_and_counted() -> None:
     made = Account(0.0)
-    taken = [number(made, passing(0.001 * each, each), 0.5) for each in range(1, MAX_RATE + 51)]
-    assert taken == [*range(1, MAX_RATE + 1), *[None] * 50]
-    assert made.counts[Trouble.TOO_MANY] == 50
-    assert made.counts[Trouble.MISSED] == 0
-    assert number(made, passing(1.5, MAX_RATE + 51), 1.5) == MAX_RATE + 51
+    for at in (1.0, 1.0 + RECENT):
+        assert made.take(Unchecked(*passing(at, round(at))), at)
+        assert made.trouble(at) is (Trouble.UNCHECKED if at == 1.0 else None)
+    assert made.counts[Trouble.UNCHECKED] == 2
 
 
 def test_what_is_remembered_is_bounded() -> None:
