@@ -5,7 +5,7 @@
 The desk: the timekeeper's data about all races of the event, with their laps and results.
 
 Only inputs (`Input`) change the data: the roster and settings (`Terms`), events from race control
-(`Told`, `Heard`, `Missed`), passings (`Passed`), and officials' corrections (`Corrected`). A
+(`Told`, `Heard`), passings (`Passed`), and officials' corrections (`Corrected`). A
 passing is a report that something crossed the timing line. The timekeeper writes every input to
 its book, a file, in the order of arrival. After a restart, it replays the book.
 
@@ -105,19 +105,16 @@ class Told(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """Confirms that all events of a run have arrived up to this number."""
+    """
+    Confirms that all events of a run have arrived up to this number, but for those that are lost.
+
+    :param missed: number of events before it that were lost; their content is unknown.
+    """
 
     at: float
     run: str
     sequence: int
-
-
-class Missed(NamedTuple):
-    """Reports how many events were lost; their content is unknown."""
-
-    at: float
-    run: str
-    events: int
+    missed: int = 0
 
 
 class Passed(NamedTuple):
@@ -134,7 +131,7 @@ class Passed(NamedTuple):
     away: float = 0.0
 
 
-Input = Terms | Told | Heard | Missed | Passed | Corrected
+Input = Terms | Told | Heard | Passed | Corrected
 
 
 class Answer(NamedTuple):
@@ -213,9 +210,8 @@ class Desk:
                 self.roster, self.settings = given.roster, given.settings
             case Told():
                 self._told(given)
-            case Missed(_, run, events):
-                if self.races and self.races[-1].run == run:
-                    self.races[-1].missed += events
+            case Heard(_, run, _, missed) if self.races and self.races[-1].run == run:
+                self.races[-1].missed += missed
             case Passed():
                 self._passed(given)
             case Corrected():

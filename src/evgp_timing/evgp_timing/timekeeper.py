@@ -51,7 +51,6 @@ from evgp_timing.desk import (
     Finish,
     Heard,
     Input,
-    Missed,
     Passed,
     Roster,
     Terms,
@@ -249,7 +248,7 @@ class Timekeeper(StrictNode):
             if event.sequence <= last:
                 continue
             if missed := event.sequence - 1 - last:
-                self._take(Missed(clock.now(), message.run, missed))
+                self._take(Heard(clock.now(), message.run, event.sequence - 1, missed))
             self._last[message.run] = event.sequence
             told = told_of(event, message.run)
             if told is not None:

@@ -9,7 +9,7 @@ import itertools
 
 from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Mark, Passing, Status
 from evgp_node.roster import Format, Heat
-from evgp_timing.desk import Answer, Desk, Input, Missed, Passed, Roster, Terms, Told, What
+from evgp_timing.desk import Answer, Desk, Heard, Input, Passed, Roster, Terms, Told, What
 from evgp_timing.laps import LapSettings
 from evgp_timing.passings import MAX_RATE
 from hypothesis import given
@@ -224,9 +224,9 @@ def test_a_kart_or_heat_that_is_not_in_the_roster_here_is_a_question(event: Even
 
 def test_what_was_missed_is_asked_of_the_run_that_it_was_missed_in(event: Event) -> None:
     event.start('Heat 1', 1, 2)
-    event.desk.feed(Missed(event.now, 'another run', 5))
+    event.desk.feed(Heard(event.now, 'another run', 9, 5))
     assert event.desk.questions() == []
-    event.desk.feed(Missed(event.now, event.run, 5))
+    event.desk.feed(Heard(event.now, event.run, 9, 5))
     (asked,) = event.desk.questions()
     assert asked.startswith('5 events from race control were lost')
 
