@@ -16,7 +16,7 @@ from collections.abc import Callable
 import dataclasses
 import re
 
-from evgp_timing.passings import Event, Refused
+from evgp_timing.passings import Event, Refused, Sign
 
 MAX_RECORD_BYTES = 1024
 """Maximum length between two marks, in bytes. Known records are shorter than 200 bytes."""
@@ -58,6 +58,7 @@ class Framing:
     :ivar length_at: index of the two bytes of the length in the unescaped record, which the two
         bytes of the checksum follow.
     :ivar checksum: a function that computes the checksum of an unescaped record.
+    :ivar passing: the type of a passing. All other records are signs of life.
     :ivar may_lack_checksum: whether a checksum of 0 means that the record has none and is valid.
     """
 
@@ -68,6 +69,7 @@ class Framing:
     head: bytes
     length_at: int
     checksum: Callable[[bytes], int]
+    passing: int
     may_lack_checksum: bool = False
 
     def unpack(self, inside: bytes) -> Record | Refused:
@@ -100,11 +102,13 @@ class Framing:
         return Record(kind, fields, checked)
 
     def decoder(self, read: Callable[[Record], Event]) -> MarkedDecoder:
-        """Return a decoder for one connection, in which `read` interprets each record."""
+        """Return a decoder for one connection, in which `read` interprets each passing."""
 
         def read_inside(inside: bytes) -> Event:
             record = self.unpack(inside)
-            return record if isinstance(record, Refused) else read(record)
+            if isinstance(record, Refused):
+                return record
+            return read(record) if record.kind == self.passing else Sign()
 
         return MarkedDecoder(self.begin, self.end, read_inside)
 

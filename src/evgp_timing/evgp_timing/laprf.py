@@ -14,13 +14,7 @@ from __future__ import annotations
 import enum
 
 from evgp_timing.framing import Framing, Record
-from evgp_timing.passings import Event, of_device, Refused, Sign
-
-
-class Kind(enum.IntEnum):
-    """The types of records that this module uses."""
-
-    PASSING = 0xDA09
+from evgp_timing.passings import Event, of_device, Refused
 
 
 class Field(enum.IntEnum):
@@ -49,13 +43,12 @@ LAPRF = Framing(
     head=b'\0\0\0\0',  # length, checksum
     length_at=1,
     checksum=checksum,
+    passing=0xDA09,
 )
 
 
 def read(record: Record) -> Event:
-    """Return the event in a record. Its time counts from the start of the device."""
-    if record.kind != Kind.PASSING:
-        return Sign()
+    """Return the passing in a record. Its time counts from the start of the device."""
     number, slot = record.number(Field.NUMBER, 4), record.number(Field.SLOT, 1)
     time_us = record.number(Field.RTC_TIME, 8)
     if number is None or slot is None or time_us is None:

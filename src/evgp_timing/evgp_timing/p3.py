@@ -14,13 +14,7 @@ import binascii
 import enum
 
 from evgp_timing.framing import Framing, Record
-from evgp_timing.passings import Event, of_device, Refused, Sign, Unchecked
-
-
-class Kind(enum.IntEnum):
-    """The types of records that this module uses."""
-
-    PASSING = 0x0001
+from evgp_timing.passings import Event, of_device, Refused, Unchecked
 
 
 class Field(enum.IntEnum):
@@ -50,14 +44,13 @@ P3 = Framing(
     head=b'\x02\0\0\0\0\0\0',  # version, length, checksum, flags
     length_at=2,
     checksum=checksum,
+    passing=0x0001,
     may_lack_checksum=True,
 )
 
 
 def read(record: Record) -> Event:
-    """Return the event in a record. Its time counts from 1970, by the decoder's clock."""
-    if record.kind != Kind.PASSING:
-        return Sign()
+    """Return the passing in a record. Its time counts from 1970, by the decoder's clock."""
     number, transponder = record.number(Field.NUMBER, 4), record.number(Field.TRANSPONDER, 4)
     time_us = record.number(Field.RTC_TIME, 8)
     if number is None or transponder is None or time_us is None:

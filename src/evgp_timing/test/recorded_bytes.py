@@ -146,7 +146,7 @@ def p3_passing(number: int, transponder: int, time_us: int, label: bytes = b'') 
         (p3.Field.RTC_TIME, time_us, 8),
     )
     fields = [(name, value.to_bytes(size, 'little')) for name, value, size in plain]
-    return encoded(p3.P3, p3.Kind.PASSING, [*fields, (p3.Field.LABEL, label)])
+    return encoded(p3.P3, p3.P3.passing, [*fields, (p3.Field.LABEL, label)])
 
 
 def feed_all(decoder: MarkedDecoder, pieces: list[bytes]) -> list[Event]:
