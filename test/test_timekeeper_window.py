@@ -246,32 +246,15 @@ def test_it_shows_the_race_what_is_asked_badges_with_numbers_and_frames_of_corre
     racing.until(lambda: 'Kart 7 is marked as finished, but 3 laps' in racing.text('warning'))
 
 
-def test_a_correction_that_is_not_sent_or_not_answered_is_told_and_a_late_answer_too(
-    racing: Window, paper: Paper, monkeypatch: pytest.MonkeyPatch
+def test_what_is_not_heard_sent_or_answered_is_told_and_a_late_answer_too(
+    application: Any, paper: Paper, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(window_widgets, 'NO_ANSWER', 0.5)
-    paper.answers = []
-    racing.count('7')
-    racing.until_said('LAP: no answer for', 'Check the results before')
     paper.is_silent = True
-    racing.until(lambda: 'The timekeeper has been silent for 4 s' in racing.text('warning'))
-    assert not racing.find('PENALISE').isEnabled()
-    racing.count('7')
-    racing.until_said('LAP was not sent: the timekeeper has been silent for')
-    (answer,) = paper.answers
-    answer()
-    assert racing.text('said') == 'LAP: kart 7 crossed the line: counted'
-    paper.is_silent = False
-    racing.until(lambda: racing.find('PENALISE').isEnabled())
-    assert racing.text('warning') == ''
-
-
-def test_what_is_not_heard_is_told_of_the_timekeeper_race_control_and_a_timing_line(
-    application: Any,
-) -> None:
-    with contextlib.closing(Window(application)) as shown:
+    with contextlib.closing(Window(application, paper.give, paper.take)) as shown:
         assert shown.text('title') == 'No race yet'
         assert shown.text('about') == 'no contact with race control'
+        assert not shown.find('banner').isVisible()
         line, silent = ('north', 'p3 at 10.1.0.20:5403'), 'The device has been silent for 10 s'
         shown.window.on_line(*line, '')
         shown.until(lambda: 'north: p3 at 10.1.0.20:5403' in shown.text('about'))
@@ -279,17 +262,32 @@ def test_what_is_not_heard_is_told_of_the_timekeeper_race_control_and_a_timing_l
         shown.window.on_line(*line, silent)
         told = f'Timing line north (p3 at 10.1.0.20:5403): {silent}'
         shown.until(lambda: told in shown.text('warning'))
-        assert not shown.find('banner').isVisible()
         shown.window.on_race('GREEN GREEN', 252.0, TEAMS, 'REHEARSAL')
         shown.until(lambda: 'GREEN GREEN 4:1' in shown.text('about'))
         assert shown.find('banner').isVisible()
         assert shown.text('banner') == 'REHEARSAL'
         assert shown.find('banner').y() < shown.find('title').parent().y()
         assert shown.widget.windowTitle() == 'REHEARSAL: EVGP timekeeper'
-        shown.until(lambda: '5403): silent for 4 s' in shown.text('warning'))
-        assert 'The timekeeper has been silent' in shown.text('warning')
+        shown.count('7')
+        shown.until_said('LAP was not sent: the timekeeper has been silent for')
+
+        paper.is_silent, paper.answers = False, []
+        shown.until(lambda: shown.find('PENALISE').isEnabled())
+        shown.count('7')
+        shown.until_said('LAP: no answer for', 'Check the results before')
+        paper.is_silent = True
+        shown.until(lambda: 'The timekeeper has been silent for 4 s' in shown.text('warning'))
+        assert '5403): silent for ' in shown.text('warning')
+        assert not shown.find('PENALISE').isEnabled()
         shown.count('7')
         shown.until_said('was not sent')
+        (answer,) = paper.answers
+        answer()
+        assert shown.text('said') == 'LAP: kart 7 crossed the line: counted'
+        shown.window.on_line(*line, '')
+        paper.is_silent = False
+        shown.until(lambda: shown.text('warning') == '')
+        assert shown.find('PENALISE').isEnabled()
 
 
 # ----- corrections ----------------------------------------------------------------------------
