@@ -271,7 +271,7 @@ class Running(PaperRace):
         for _ in range(steps):
             self.now += self.chance.choice((0.0, 1e-6, 0.05, 0.05, 0.3, 1.0))
             self.feed(self.anything())
-            if self.chance.random() < 0.3:
+            if self.chance.random() < 0.05:
                 self.log.add(inputs.Shown(self.now))
             if self.chance.random() < 0.1:
                 self.calm_down()

@@ -48,10 +48,10 @@ def test_a_race_that_is_replayed_with_its_own_rules_does_not_differ(seed: int) -
 
 
 def a_run(seed: int = 1) -> Running:
-    return Running(seed).run(600)
+    return Running(seed).run(200)
 
 
-def an_ended_run(seed: int = 1, steps: int = 600) -> Running:
+def an_ended_run(seed: int = 1, steps: int = 200) -> Running:
     running = Running(seed).run(steps)
     running.end()
     return running
