@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from evgp_rcs.ros.node import PRESENCE_QOS
 from evgp_rcs.ros.presence import (
     BUTTON,
     MOST_PROGRAMS,
@@ -17,6 +18,8 @@ from evgp_rcs.ros.presence import (
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
+from rclpy.duration import Duration
+from rclpy.qos import LivelinessPolicy, qos_check_compatible, QoSCompatibility, QoSProfile
 
 
 @dataclass
@@ -47,6 +50,15 @@ def test_a_program_counts_until_it_says_nothing_for_so_long(presences: Presences
     assert presences.attendance(11.9)[:2] == (2, 'Anna (window), terminal')
     assert presences.attendance(12.0)[:2] == (1, 'terminal')
     assert presences.attendance(13.0)[:2] == (0, '')
+
+
+@pytest.mark.parametrize(
+    'liveliness', [LivelinessPolicy.AUTOMATIC, LivelinessPolicy.MANUAL_BY_TOPIC]
+)
+def test_a_program_is_heard_whatever_its_publisher_offers(liveliness: LivelinessPolicy) -> None:
+    lease = Duration(seconds=2)
+    offered = QoSProfile(depth=10, liveliness=liveliness, liveliness_lease_duration=lease)
+    assert qos_check_compatible(offered, PRESENCE_QOS) == (QoSCompatibility.OK, '')
 
 
 def test_a_fault_that_lasts_counts_as_silence_and_one_that_is_over_does_not(
