@@ -35,8 +35,6 @@ def test_what_the_officials_network_loses_of_a_stop_is_sent_again_at_once(
     need_networks()
     track = parts.enter_context(Track())
     own, desk = track.machine('own', RACE_CONTROL), track.machine('desk', DESK)
-    for machine in (own, desk):
-        machine.ip('route add 239.0.0.0/8 dev eth0')  # by which the two find each other
     with own.inside(), pytest.MonkeyPatch.context() as patch:
         patch.setenv(graph.INTERFACE, own.address)
         parts.enter_context(RaceControl(tmp_path, domain, in_race=[1]))

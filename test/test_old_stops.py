@@ -45,15 +45,10 @@ class Officials:
         self._folder, self._parts = folder, parts
         self._track = parts.enter_context(Track())
         self.desks: list[Machine] = []
-        with self._at(self._machine('own', RACE_CONTROL)):
+        with self._at(self._track.machine('own', RACE_CONTROL)):
             self.race = parts.enter_context(WireRace(folder, [1]))
         self.race.bring_to(GREEN_GREEN)
         self.domain = self.race.domain
-
-    def _machine(self, name: str, address: str) -> Machine:
-        machine = self._track.machine(name, address)
-        machine.ip('route add 239.0.0.0/8 dev eth0')  # by which they find each other
-        return machine
 
     @contextlib.contextmanager
     def _at(self, machine: Machine) -> Iterator[None]:
@@ -65,7 +60,7 @@ class Officials:
     def desk(self) -> Iterator[Machine]:
         """Have what is started meanwhile at a desk of its own."""
         number = len(self.desks) + 2
-        desk = self._machine(f'desk{number}', f'10.77.0.{number}')
+        desk = self._track.machine(f'desk{number}', f'10.77.0.{number}')
         self.desks.append(desk)
         with self._at(desk):
             yield desk

@@ -142,29 +142,29 @@ class Machine(Namespace):
     A machine with one interface, eth0, whose cable ends at the track.
 
     :param name: the name of its cable, at most 15 characters.
-    :param twin: tells machines with the same address apart: it is part of the hardware's.
     """
 
-    def __init__(self, track: Track, name: str, address: str, twin: int = 0) -> None:
+    def __init__(self, track: Track, name: str, address: str) -> None:
         """Make the machine and plug it in."""
         super().__init__()
         self.name = name
         self.address = address
         self._track = track
-        last = int(address.rpartition('.')[2])
-        hardware = f'02:00:00:00:{twin:02x}:{last:02x}'
         try:
             track.middle.ip(
-                f'link add {name} type veth peer name eth0 address {hardware} netns {self.path}',
+                f'link add {name} type veth peer name eth0 netns {self.path}',
                 f'link set {name} up',
             )
-            self.plugged = True
             with self.inside():
                 _switch_offloads_off('eth0')
-            self.ip(f'addr add {address}/24 dev eth0', 'link set eth0 up')
-            track.order('plug', name=name, hardware=hardware)
+            self.ip(
+                f'addr add {address}/24 dev eth0',
+                'link set eth0 up',
+                'route add 239.0.0.0/8 dev eth0',  # by which ROS finds other machines
+            )
+            track.order('plug', name=name)
         except BaseException:
-            super().close()
+            self.close()
             raise
 
     def air(
@@ -192,20 +192,6 @@ class Machine(Namespace):
             back=[loss if back is None else back, delay, rate],
         )
 
-    def unplug(self) -> float:
-        """Have its interface vanish, as when the power goes; return the time (monotonic, s)."""
-        self.plugged = False
-        at = self._track.order('unplug', name=self.name)
-        self._track.middle.ip(f'link del {self.name}')
-        return at
-
-    def close(self) -> None:
-        try:
-            if self.plugged:
-                self.unplug()
-        finally:
-            super().close()
-
 
 class Track(Part):
     """
@@ -225,18 +211,11 @@ class Track(Part):
                 stdout=subprocess.PIPE,
                 text=True,
             )
-        self._machines: list[Machine] = []
+        self._machines = contextlib.ExitStack()
 
-    def machine(self, name: str, address: str, twin: int = 0) -> Machine:
+    def machine(self, name: str, address: str) -> Machine:
         """Return a new machine, plugged in; it goes with the track."""
-        machine = Machine(self, name, address, twin)
-        self._machines.append(machine)
-        return machine
-
-    def remove(self, machine: Machine) -> None:
-        """Have a machine of this track go before the track does."""
-        self._machines.remove(machine)
-        machine.close()
+        return self._machines.enter_context(Machine(self, name, address))
 
     def order(self, what: str, **details: object) -> float:
         """Have the relay do something; return when it was done (monotonic, s)."""
@@ -250,11 +229,8 @@ class Track(Part):
 
     def close(self) -> None:
         """End the relay and take every machine away."""
-        with contextlib.ExitStack() as stack:
-            stack.callback(self.middle.close)
-            stack.enter_context(self._relay)  # it ends with its input
-            for machine in self._machines:
-                stack.callback(machine.close)
+        with self._machines, self._relay:  # which ends with its input
+            self.middle.close()
 
 
 @functools.cache

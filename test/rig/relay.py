@@ -65,9 +65,8 @@ class Air:
 class Cable:
     """The relay's end of one machine's cable."""
 
-    def __init__(self, name: str, hardware: bytes) -> None:
-        self.name = name
-        self.hardware = hardware
+    def __init__(self, name: str) -> None:
+        self.hardware = b''  # of the machine, once it has sent something
         self.toward = Air()
         self.back = Air()
         self.socket = socket.socket(
@@ -107,16 +106,10 @@ class Relay:
 
     # ----- orders -------------------------------------------------------------------------
 
-    def order_plug(self, name: str, hardware: str) -> None:
+    def order_plug(self, name: str) -> None:
         """Take a cable that is there."""
-        cable = self._cables[name] = Cable(name, bytes.fromhex(hardware.replace(':', '')))
+        cable = self._cables[name] = Cable(name)
         self._selector.register(cable.socket, selectors.EVENT_READ, cable)
-
-    def order_unplug(self, name: str) -> None:
-        """Let go of a cable."""
-        cable = self._cables.pop(name)
-        self._selector.unregister(cable.socket)
-        cable.socket.close()
 
     def order_air(self, name: str, toward: list[float], back: list[float]) -> None:
         """Set loss, delay and rate toward a machine and back from it."""
@@ -130,10 +123,11 @@ class Relay:
         try:
             frame = source.socket.recv(65535)
         except OSError:
-            return  # the cable is being pulled
+            return  # the link is down
         if len(frame) < 34 or frame[12:14] not in (_IPV4, _ARP):
             return
-        for target in list(self._cables.values()):
+        source.hardware = frame[6:12]
+        for target in self._cables.values():
             if target is source or not (frame[0] & _TO_MANY or frame[:6] == target.hardware):
                 continue
             if source.back.loses() or target.toward.loses():
@@ -146,9 +140,7 @@ class Relay:
                 self._deliver(target, frame)
 
     def _deliver(self, target: Cable, frame: bytes) -> None:
-        if self._cables.get(target.name) is not target:
-            return  # it was unplugged while the frame was on its way
-        with contextlib.suppress(OSError):  # the cable is being pulled
+        with contextlib.suppress(OSError):  # the link is down
             target.socket.send(frame)
 
 
