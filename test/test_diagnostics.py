@@ -5,25 +5,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 import contextlib
 import pathlib
 import sqlite3
-from typing import NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from evgp_testing.fixtures import ConnectKart, StartBridge
+from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartBridge, StartRaceControl
 from evgp_testing.race_control import address_of
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges
-import pytest
-from rig.desk import Desk
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-UNHEARD = DiagnosticStatus(values=[KeyValue(key='race state')])
 
 
 class Health(RosSide):
@@ -56,46 +51,26 @@ class Health(RosSide):
             self.news.notify_all()
 
 
-class Room(NamedTuple):
-    """Race control with its official, its record, and what its diagnostics say."""
-
-    desk: Desk
-    record: pathlib.Path
-    health: Health
-
-
-@pytest.fixture(scope='module')
-def the_room(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Room]:
-    """Return race control, which no test here ends."""
-    folder = tmp_path_factory.mktemp('race_control')
-    with (
-        Desk(folder, [1], [2], {'red_alert': 0.1}) as desk,
-        Health(desk.domain) as health,
-    ):
-        yield Room(desk, folder / 'record.sqlite3', health)
-
-
-@pytest.fixture
-def room(the_room: Room) -> Room:
-    """Return race control with the race in the garage and no kart connected."""
-    the_room.desk.clear()
-    health = the_room.health
-    health.wait_until(
-        lambda: values(health.statuses.get('rcs: race', UNHEARD))['race state'] == 'IN_GARAGE',
-        lambda: f'the race in the garage; heard {health.statuses}',
-    )
-    return the_room
-
-
 def values(status: DiagnosticStatus) -> dict[str, str]:
     return {each.key: each.value for each in status.values}
 
 
-def test_a_record_that_cannot_be_written_is_an_alert_and_an_error_until_it_can(
-    room: Room,
+def test_diagnostics_have_every_kart_and_the_level_and_text_of_the_gravest_alert(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    connect_kart: ConnectKart,
+    parts: contextlib.ExitStack,
+    tmp_path: pathlib.Path,
 ) -> None:
-    official, record, health = room.desk.official, room.record, room.health
+    record = tmp_path / 'record.sqlite3'
+    control = start_race_control(in_race=[1], others=[2], red_alert=0.1, record=record)
+    official, health = join_official(control), parts.enter_context(Health(control.domain))
+    missing = health.wait_for('rcs: kart 1', WARN)
+    assert (missing.hardware_id, values(missing)['team']) == (address_of(1), 'Team 1')
+    health.wait_for('rcs: kart 2', OK)  # it is not in the race
+    assert {*health.statuses} == {'rcs: race', 'rcs: kart 1', 'rcs: kart 2'}
     health.wait_for('rcs: race', OK)
+
     with contextlib.closing(sqlite3.connect(record, isolation_level=None)) as other:
         other.execute('BEGIN IMMEDIATE')  # nobody else can write the file now
         official.command('set_track_open', open=False)  # something to be written
@@ -107,15 +82,10 @@ def test_a_record_that_cannot_be_written_is_an_alert_and_an_error_until_it_can(
         assert str(record) in status.message
         assert values(status)['alerts'] == '1'
     official.wait_for_race(lambda race: not race.alerts, 'the end of the alert')
-    health.wait_for('rcs: race', OK)
 
-
-def test_diagnostics_have_the_level_of_the_gravest_alert(
-    room: Room, connect_kart: ConnectKart
-) -> None:
-    control, official, health = room.desk.control, room.desk.official, room.health
     kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
     official.wait_for_connected(1)
+    health.wait_for('rcs: kart 1', OK)
     status = health.wait_for('rcs: race', OK)
     assert (status.hardware_id, values(status)['race state']) == ('rcs', 'IN_GARAGE')
     official.command('grid_active', track_clear=True)
@@ -123,7 +93,8 @@ def test_diagnostics_have_the_level_of_the_gravest_alert(
     race = official.wait_for_race(lambda race: race.alerts, 'an alert')
     assert {each.kind for each in race.alerts} == {msg.Alert.KART_LOST}
     assert health.wait_for('rcs: race', WARN).message == race.alerts[0].text
-    connect_kart(control, 1)  # it acknowledges nothing any more
+
+    kart = connect_kart(control, 1)  # it acknowledges nothing any more
     official.wait_for_connected(1)
     official.command('all_kill')
     race = official.wait_for_race(
@@ -131,17 +102,9 @@ def test_diagnostics_have_the_level_of_the_gravest_alert(
     )
     gravest = [each.text for each in race.alerts if each.use_msr]
     assert health.wait_for('rcs: race', ERROR).message.endswith(tuple(gravest))
+    kart.close()
 
-
-def test_diagnostics_have_every_kart(room: Room, connect_kart: ConnectKart) -> None:
-    control, official, health = room.desk.control, room.desk.official, room.health
-    missing = health.wait_for('rcs: kart 1', WARN)
-    assert (missing.hardware_id, values(missing)['team']) == (address_of(1), 'Team 1')
-    health.wait_for('rcs: kart 2', OK)  # it is not in the race
-    assert {*health.statuses} == {'rcs: race', 'rcs: kart 1', 'rcs: kart 2'}
     connect_kart(control, 1, Acknowledges.EACH_CHANGE)
-    health.wait_for('rcs: kart 1', OK)
-    official.command('all_kill')
     official.wait_for_acks(RaceState.RED_RED, 1)
     official.wait_for_race(lambda race: race.karts[0].link.grade, 'a measured link')
 
