@@ -43,6 +43,8 @@ def happen(event: Event, green: float, number: int, line: str) -> None:
     elif what in ('strike', 'restore'):
         identity = event.desk.races[-1].laps.crossings[kart - 1].passing.identity
         assert event.correct(Act[what.upper()], passing=identity, reason='twice')
+    elif what == 'restart':
+        event.run = 'run 2'
     elif what == 'penalise':
         assert event.correct(Act.PENALISE, kart, laps=1, reason='a short cut')
     elif what == 'asks':
@@ -148,18 +150,6 @@ STORIES = {
         31 finish 3
         31 due
     """,
-    'FINISH is the crossing where only the last lap is left, with the time of the line': """
-        Heat 1: 1 2
-        10 line 1 -> 1: starts lap 1
-        11 line 2 -> 2: starts lap 1
-        20 line 1 -> 1: lap 1, 0:10.000
-        21 line 2 -> 2: lap 1, 0:10.000
-        30 finish 1 -> 1: by hand, struck: its FINISH was undone
-        29.9 line 1 heard 30.3 -> 1: lap 2, 0:09.900: finish
-        40 line 1 -> 1: not counted
-        41 undo 1
-        50 finish 2 -> 2: by hand, lap 2, 0:29.000: finish
-    """,
     'UNDO FINISH strikes the crossing of FINISH, and auto_finish does not send it again': """
         Heat 2: 3
         10 line 3 -> 3: starts lap 1
@@ -170,7 +160,7 @@ STORIES = {
         40 line 3 -> 3: lap 2, 0:20.000: finish
         40 due
     """,
-    'a FINISH of the wrong kart gives back what a beam saw before it': """
+    'FINISH is the last crossing, with the time of the line; of a wrong kart, it is undone': """
         Heat 1: 1 2
         10 line 1 -> 1: starts lap 1
         11 line 2 -> 2: starts lap 1
@@ -182,6 +172,10 @@ STORIES = {
         62.5 asks nothing
         63 finish 1
         63 asks nothing
+        70 finish 2 -> 2: by hand, struck: its FINISH was undone
+        69.9 line 2 heard 70.3 -> 2: lap 2, 0:48.900: finish
+        80 line 2 -> 2: not counted
+        81 undo 2
     """,
     'a FINISH of the wrong kart gives back what a beam saw after it': """
         Heat 1: 1 2
@@ -195,6 +189,7 @@ STORIES = {
         62.5 asks nothing
         63 finish 1
         63 asks nothing
+        70 finish 2 -> 2: by hand, lap 2, 0:49.000: finish
     """,
     'a kart that is finished with laps missing is a question': """
         Heat 1: 1 2
@@ -263,6 +258,18 @@ STORIES = {
         2 line 9 -> ?: transponder t9
         3 line 3 -> 3: not counted
         3 asks Check the laps: no kart has the transponder t9
+    """,
+    'a restart of race control ends the race': """
+        Heat 1: 1 2
+        10 line 1 -> 1: starts lap 1
+        20 line 1 -> 1: lap 1, 0:10.000
+        30 restart
+        30 over
+        40 line 1 -> 1: not counted
+    """,
+    'a kart or heat that is not in the roster here is a question': """
+        Heat 9: 1 7
+        0 asks Race control has Heat 9, kart 7, but the roster here does not. Start both with
     """,
     'a lap that is taken away is still the lap of its crossing': """
         1 2

@@ -170,20 +170,6 @@ def test_what_means_nothing_is_refused_and_changes_nothing(
     assert event.desk.standings() == before
 
 
-def test_a_restart_of_race_control_ends_the_race_and_the_next_one_begins_anew(
-    event: Event,
-) -> None:
-    event.start('Heat 1', 1, 2)
-    event.lap(1, 1, 2)
-    event.run, event.race = 'run 2', 1
-    event.tell(What.OVER)  # of the race that it took up
-    event.cross(1)
-    assert event.desk.standings().karts[0].laps == 1
-    assert len(event.desk.races) == 1
-    event.start('Heat 1', 1, 2)
-    assert len(event.desk.races) == 2
-
-
 @pytest.mark.parametrize(
     ('why', 'order', 'is_asked'),
     [
@@ -213,13 +199,6 @@ def test_an_order_of_finish_that_is_not_that_of_the_results_is_a_question_if_it_
     assert any('order of FINISH' in each for each in event.desk.questions()) is is_asked
     event.tell(What.UNDO_FINISH, 2)
     assert not any('order of FINISH' in each for each in event.desk.questions())
-
-
-def test_a_kart_or_heat_that_is_not_in_the_roster_here_is_a_question(event: Event) -> None:
-    event.start('Heat 9', 1, 7)
-    (asked,) = event.desk.questions()
-    assert 'Heat 9, kart 7' in asked
-    assert 'same roster' in asked
 
 
 def test_what_was_missed_is_asked_of_the_run_that_it_was_missed_in(event: Event) -> None:
