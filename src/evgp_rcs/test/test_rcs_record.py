@@ -12,6 +12,7 @@ import multiprocessing
 import os
 import pathlib
 import random
+import re
 import shutil
 import sqlite3
 import subprocess
@@ -207,13 +208,13 @@ def pages_overwritten(path: pathlib.Path) -> None:
         overwritten(path, int(path.stat().st_size * share))
 
 
+MIDDLE = 'WHERE run = 2 AND number = (SELECT max(number) / 2 FROM block WHERE run = 2)'
 NO_TICK = Block(0, b'["Tick","x"]\n').compressed()
 
 
 def block_replaced(data: object) -> Harm:
     """Return what puts something else in the place of a block in the middle."""
-    middle = '(SELECT max(number) / 2 FROM block WHERE run = 2)'
-    query = f'UPDATE block SET data = ? WHERE run = 2 AND number = {middle}'  # noqa: S608
+    query = f'UPDATE block SET data = ? {MIDDLE}'  # noqa: S608
     return lambda path: change(path, query, data)
 
 
@@ -227,6 +228,7 @@ DAMAGED_FILES: dict[str, Harm] = {
     'a block of another type': block_replaced('noon'),
     'a block that is garbled': block_replaced(b'garbled'),
     'a block with an entry of another type': block_replaced(NO_TICK),
+    'a block that is missing': in_database(f'DELETE FROM block {MIDDLE}'),  # noqa: S608
 }
 
 
@@ -253,6 +255,11 @@ def test_of_a_damaged_record_events_before_and_behind_the_damage_are_shown_and_a
     assert rcs_record(arguments_of('report', good)) == PARTLY
     text = good.with_name('report.html').read_text(encoding='utf-8')
     assert ('The record is damaged' in text) == (harm in NEEDS_RECOVERY)
+    code = rcs_record(['replay', str(good)])
+    if harm == 'a block that is missing':
+        counts, missing = capsys.readouterr().out.splitlines()[-2:]
+        assert (code, counts.endswith('no difference')) == (PARTLY, True)
+        assert re.search(r'(1 entry is|\d+ entries are) missing', missing)
 
 
 def blocks_moved(path: pathlib.Path, chance: random.Random) -> None:
@@ -393,6 +400,7 @@ def test_with_a_clock_that_was_set_back_the_order_and_the_time_to_the_finish_are
     paper.drive()
     paper.wait(10.0)
     paper.wall_offset_ns -= 3_600_000_000_000
+    next_event = paper.stamped[-1].sequence + 1
     paper.command(CommandKind.KART_FINISH, 7)
     paper.command(CommandKind.ALL_KILL)
     paper.write(path)
@@ -408,6 +416,10 @@ def test_with_a_clock_that_was_set_back_the_order_and_the_time_to_the_finish_are
     assert rcs_record(['results', str(path)]) == 0
     _, first, _ = capsys.readouterr().out.splitlines()
     assert ',10.000,' in first
+    assert rcs_record(['replay', str(path)]) == DONE
+    counts, told, _ = capsys.readouterr().out.splitlines()
+    assert counts.endswith('no difference')
+    assert f'first by -3600.000 s before event {next_event},' in told
 
 
 # ----- names of others ------------------------------------------------------------------------
