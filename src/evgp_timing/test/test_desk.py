@@ -23,23 +23,40 @@ ROSTER = Roster(
         Heat('Heat 1', (1, 2), Format.RACE, 2),
         Heat('Heat 2', (3,), Format.RACE, 2, auto_finish=True),
         Heat('Final', (1, 2, 3), grid_from='Heat 1'),
+        Heat('practice', (1, 2), Format.PRACTICE),
     ),
 )
 
 
 class Event:
-    """An event on paper: race control's word, a timing line, officials."""
+    """
+    An event on paper: race control's word, a timing line, officials.
+
+    :ivar fed: all that the desk was fed.
+    """
 
     def __init__(self) -> None:
         self.desk = Desk(ROSTER, LapSettings())
+        self.fed: list[Input] = []
         self.now = 1000.0
         self.run = 'run 1'
         self.race = 0
         self.heat = ''
         self._numbers = itertools.count(1)
 
+    def feed(self, given: Input) -> Answer | None:
+        self.fed.append(given)
+        return self.desk.feed(given)
+
+    def fed_again(self, first: int = 0) -> Desk:
+        """Return a desk that was fed the same, from the first input that is given."""
+        again = Desk(ROSTER, LapSettings())
+        for each in self.fed[first:]:
+            again.feed(each)
+        return again
+
     def tell(self, what: What, kart: int = 0) -> None:
-        self.desk.feed(Told(self.now, what, self.run, self.race, self.heat, kart))
+        self.feed(Told(self.now, what, self.run, self.race, self.heat, kart))
 
     def start(self, heat: str, *karts: int) -> None:
         self.race += 1
@@ -50,28 +67,15 @@ class Event:
         for kart in karts:
             self.tell(What.SENT_GREEN, kart)
 
-    def race_again(self, kart: int) -> None:
-        """Start a second race, a minute after one in which the kart crossed the line once."""
-        self.start('', kart)
-        self.cross(kart)
-        self.tell(What.OVER)
-        self.now += 60.0
-        self.start('', kart)
-
     def cross(
         self, kart: int, after: float = 10.0, ago: float = 0.0, source: str = 'line'
     ) -> Passing:
-        """Have the line see a kart, and say it so long after that."""
+        """Have the line see a kart, or a beam see somebody (0), and say it so long after that."""
         self.now += after
         stamp = round((self.now - ago) * 1e9)
-        passing = Passing(source, 'today', next(self._numbers), 0, f't{kart}', stamp)
-        self.desk.feed(Passed(self.now, (passing,)))
+        passing = Passing(source, 'today', next(self._numbers), 0, f't{kart}' * bool(kart), stamp)
+        self.feed(Passed(self.now, (passing,)))
         return passing
-
-    def cross_later(self, kart: int, after: float) -> Passing:
-        """Return what the line will see of a kart, which nobody hears of yet."""
-        stamp = round((self.now + after) * 1e9)
-        return Passing('line', 'today', next(self._numbers), 0, f't{kart}', stamp)
 
     def lap(self, laps: int, *karts: int) -> None:
         """Have karts drive so many laps, one behind the other."""
@@ -80,7 +84,7 @@ class Event:
 
     def correct(self, act: Act, kart: int = 0, **terms: object) -> bool:
         asked = Correction(act, 'Tina', kart)._replace(**terms)  # type: ignore[arg-type]
-        answer = self.desk.feed(Corrected(self.now, asked))
+        answer = self.feed(self.desk.about(Corrected(self.now, asked)))
         assert answer is not None
         assert answer.text
         return answer.success
@@ -99,7 +103,7 @@ def test_karts_that_are_sent_green_race_and_their_laps_count(event: Event) -> No
     event.start('Heat 1', 1, 2)
     event.lap(2, 2, 1)
     seen = event.cross(3)
-    event.desk.feed(Passed(event.now, (seen,)))  # its source says it again
+    event.feed(Passed(event.now, (seen,)))  # its source says it again
     assert event.places() == [(2, 1, Status.CLASSIFIED), (1, 2, Status.CLASSIFIED)]
     (last,) = (each for each in event.desk.standings().passings if each.passing == seen)
     assert last.mark is Mark.NOT_COUNTED
@@ -119,7 +123,11 @@ def test_karts_that_are_sent_green_race_and_their_laps_count(event: Event) -> No
 def test_a_first_crossing_that_is_of_before_green_by_its_sources_clock_never_counts(
     event: Event, crossings: list[tuple[float, float, str]], counting: list[int]
 ) -> None:
-    event.race_again(1)
+    event.start('', 1)
+    event.cross(1)
+    event.tell(What.OVER)
+    event.now += 60.0
+    event.start('', 1)
     for after, ago, source in crossings:
         event.cross(1, after, ago, source)
     marks = [each.mark for each in event.desk.standings().passings]
@@ -164,7 +172,7 @@ def test_what_means_nothing_is_refused_and_changes_nothing(
     event.start('Heat 1', 1, 2)
     event.lap(1, 1)
     before = event.desk.standings()
-    answer = event.desk.feed(Corrected(event.now, asked))
+    answer = event.feed(Corrected(event.now, asked))
     assert answer is not None
     assert not answer.success
     assert event.desk.standings() == before
@@ -183,10 +191,7 @@ def test_what_means_nothing_is_refused_and_changes_nothing(
 def test_an_order_of_finish_that_is_not_that_of_the_results_is_a_question_if_it_has_to_be(
     event: Event, why: str, order: tuple[int, int], is_asked: bool
 ) -> None:
-    if why == 'practice':
-        heats = (Heat('Heat 1', (1, 2), Format.PRACTICE),)
-        event.desk.feed(Terms(event.now, ROSTER._replace(heats=heats), LapSettings()))
-    event.start('' if why == 'without' else 'Heat 1', 1, 2)
+    event.start({'without': '', 'practice': 'practice'}.get(why, 'Heat 1'), 1, 2)
     crossings = [(1, 10.0), (2, 10.0), (1, 20.0), (2, 5.0), (1, 21.0), (2, 10.0)]
     for kart, after in crossings if why != 'lapped' else crossings[:3] + crossings[4:5]:
         event.cross(kart, after)
@@ -203,9 +208,9 @@ def test_an_order_of_finish_that_is_not_that_of_the_results_is_a_question_if_it_
 
 def test_what_was_missed_is_asked_of_the_run_that_it_was_missed_in(event: Event) -> None:
     event.start('Heat 1', 1, 2)
-    event.desk.feed(Heard(event.now, 'another run', 9, 5))
+    event.feed(Heard(event.now, 'another run', 9, 5))
     assert event.desk.questions() == []
-    event.desk.feed(Heard(event.now, event.run, 9, 5))
+    event.feed(Heard(event.now, event.run, 9, 5))
     (asked,) = event.desk.questions()
     assert asked.startswith('5 events from race control were lost')
 
@@ -221,15 +226,7 @@ ROSTERS = (ROSTER, ROSTER._replace(heats=()), Roster((1, 2), {'t1': 2}, ROSTER.h
 def test_a_desk_that_is_fed_again_knows_the_same_and_no_order_of_things_breaks_it(
     story: list[tuple[object, int]],
 ) -> None:
-    event, again = Event(), Desk(ROSTER, LapSettings())
-    fed = []
-    feed = event.desk.feed
-
-    def feed_and_keep(given: Input) -> Answer | None:
-        fed.append(given)
-        return feed(given)
-
-    event.desk.feed = feed_and_keep  # type: ignore[method-assign]
+    event = Event()
     for what, kart in story:
         event.now += 3.0
         if what is What.GRID_ACTIVE:
@@ -242,13 +239,10 @@ def test_a_desk_that_is_fed_again_knows_the_same_and_no_order_of_things_breaks_i
                 what, kart, passing=passing, transponder='t9', seconds=5, reason='because'
             )
         elif what == 'roster':
-            event.desk.feed(Terms(event.now, ROSTERS[kart - 1], LapSettings()))
+            event.feed(Terms(event.now, ROSTERS[kart - 1], LapSettings()))
         else:
-            seen = event.cross_later(kart, 0.0)
-            nobody = seen._replace(transponder='')
-            event.desk.feed(Passed(event.now, (nobody if what == 'beam' else seen,)))
-    for each in fed:
-        again.feed(each)
+            event.cross(0 if what == 'beam' else kart, 0.0)
+    again = event.fed_again()
     assert again.standings() == event.desk.standings()
     assert again.grids() == event.desk.grids()
     assert again.questions() == event.desk.questions()
@@ -288,19 +282,12 @@ def test_results_that_change_after_they_were_published_are_no_longer_official(
 def test_a_correction_stays_with_its_race_when_earlier_races_are_of_another_event(
     event: Event,
 ) -> None:
-    fed: list[Input] = []
-    for race in (1, 2):
-        begun = event.now
-        event.start('Heat 1', 1, 2)
-        told = [(begun, What.GRID_ACTIVE), (event.now, What.GREEN_GREEN)]
-        fed += [Told(at, what, 'run 1', race, 'Heat 1') for at, what in told]
-        fed += [Told(event.now, What.SENT_GREEN, 'run 1', race, 'Heat 1', kart) for kart in (1, 2)]
-    asked = Correction(Act.PENALISE, 'Tina', 1, race=1, seconds=5, reason='cut the chicane')
-    later = Told(event.now, What.GRID_ACTIVE, 'run 1', 3, 'Heat 1')
-    fed += [event.desk.about(Corrected(event.now, asked)), later]
-    again = Desk(ROSTER, LapSettings())
-    for each in fed[4:]:  # the first race has become too old
-        again.feed(each)
+    event.start('Heat 1', 1, 2)
+    first = len(event.fed)
+    event.start('Heat 1', 1, 2)
+    assert event.correct(Act.PENALISE, 1, race=1, seconds=5, reason='cut the chicane')
+    event.start('Heat 1', 1, 2)
+    again = event.fed_again(first)  # the first race has become too old
     assert [each.laps.penalties for each in again.races] == [(), ()]
 
 
@@ -310,7 +297,7 @@ def test_a_race_keeps_the_roster_and_settings_with_which_it_was_started(event: E
     before = event.places()
     heats = (Heat('Heat 1', (1, 2), Format.PRACTICE, 1),)
     terms = Terms(event.now, Roster((1, 2), {'t1': 2, 't2': 1}, heats), LapSettings(60.0))
-    event.desk.feed(terms)
+    event.feed(terms)
     event.tell(What.FINISH, 1)
     assert event.places() == before
     event.start('Heat 1', 1, 2)
@@ -326,7 +313,7 @@ def test_a_kart_starts_although_the_heat_that_its_place_came_from_has_left_the_r
     event: Event,
 ) -> None:
     event.start('Final', 1)
-    event.desk.feed(Terms(event.now, ROSTER._replace(heats=()), LapSettings()))
+    event.feed(Terms(event.now, ROSTER._replace(heats=()), LapSettings()))
     event.tell(What.SENT_GREEN, 2)
     assert [kart for kart, *_ in event.places()] == [1, 2]
 
@@ -334,7 +321,7 @@ def test_a_kart_starts_although_the_heat_that_its_place_came_from_has_left_the_r
 def test_where_the_first_crossing_ends_lap_1_it_does_so_for_the_kart_that_was_sent_green_last(
     event: Event,
 ) -> None:
-    event.desk.feed(Terms(event.now, ROSTER, LapSettings(first_crossing='ends')))
+    event.feed(Terms(event.now, ROSTER, LapSettings(first_crossing='ends')))
     event.start('Heat 1', 1, 2)
     event.cross(1)
     event.cross(2)
