@@ -108,13 +108,13 @@ def test_a_folder_in_which_nobody_may_write_is_refused(tmp_path: pathlib.Path) -
         Book(tmp_path / 'file' / 'timing.sqlite3')
 
 
-def aged(path: pathlib.Path, by_ns: int, boot: str = '') -> None:
-    """Have the streams of a book be older than they are, or of another start of the machine."""
+def aged(path: pathlib.Path, by_ns: int) -> None:
+    """Have the streams of a book be older than they are, and of another start of the machine."""
     with contextlib.closing(sqlite3.connect(path)) as database, database:
         for rowid, data in database.execute('SELECT rowid, data FROM block').fetchall():
             block = Block.of(data)
             entries = [
-                Began(boot or each.run, each.program, each.wall_ns - by_ns)
+                Began('another start', each.program, each.wall_ns - by_ns)
                 if isinstance(each, Began)
                 else each
                 for each in STREAM.decode(block.data)
@@ -123,29 +123,21 @@ def aged(path: pathlib.Path, by_ns: int, boot: str = '') -> None:
             database.execute('UPDATE block SET data = ? WHERE rowid = ?', (older, rowid))
 
 
-@pytest.mark.parametrize(
-    ('age_ns', 'goes_on'), [(EVENT_LASTS_NS - 10**11, True), (EVENT_LASTS_NS, False)]
-)
-def test_an_event_goes_on_for_three_days_and_what_is_older_is_of_another(
-    age_ns: int, goes_on: bool, path: pathlib.Path
-) -> None:
-    written(path, TOLD)
-    aged(path, age_ns)
-    later = TOLD._replace(sequence=8)
-    written(path, later)
-    assert known(path) == ([TOLD, later] if goes_on else [later])
-
-
-def test_a_timekeeper_that_runs_for_days_keeps_what_is_not_older(
+def test_an_event_goes_on_for_three_days_and_what_is_older_is_of_another_also_while_one_runs(
     path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    began_ns, later = time.time_ns(), TOLD._replace(sequence=8)
-    opened = Book(path)
+    began_ns, later, opened = time.time_ns(), TOLD._replace(sequence=8), Book(path)
+
+    def go_on_to(age_ns: int) -> None:
+        monkeypatch.setattr(time, 'time_ns', lambda: began_ns + age_ns)
+
     opened.write(TOLD)
-    monkeypatch.setattr(time, 'time_ns', lambda: began_ns + STREAM_LASTS_NS + 10**9)
+    go_on_to(STREAM_LASTS_NS + 10**9)
     opened.write(later)
-    monkeypatch.setattr(time, 'time_ns', lambda: began_ns + EVENT_LASTS_NS + 10**9)
     opened.close()
+    go_on_to(EVENT_LASTS_NS - 10**11)
+    assert known(path) == [TOLD, later]
+    go_on_to(EVENT_LASTS_NS + 10**9)
     assert known(path) == [later]
 
 
@@ -157,7 +149,7 @@ def test_a_timekeeper_that_restarted_in_a_race_keeps_its_times_after_a_start_of_
     written(path, TOLD._replace(at=100.0), Passed(130.0, ()))
     written(path, Standings(170.0), Passed(190.0, ()))
     written(path, TOLD._replace(at=195.0), Passed(230.0, ()))
-    aged(path, 3_600 * 10**9, boot='another start')
+    aged(path, 3_600 * 10**9)
     times = [each.at for each in known(path) if not isinstance(each, Gap)]
     assert times[0] == pytest.approx(began - 3_600.0, abs=30.0)
     assert [each - times[0] for each in times] == pytest.approx([0.0, 30.0, 90.0, 95.0, 130.0])
@@ -192,7 +184,7 @@ def test_a_disk_that_says_no_is_told_and_what_comes_later_is_written(
             opened.write(TOLD._replace(sequence=8))
     opened.write(TOLD._replace(sequence=9))
     opened.close()
-    aged(path, 0, boot='another start')  # also where the first was not taken, there is a beginning
+    aged(path, 0)  # also where the first was not taken, there is a beginning
     *told, gap, last = known(path)
     assert isinstance(gap, Gap)
     assert gap.entries == 1
