@@ -16,6 +16,7 @@ HEATS = (
     Heat('Practice', (1, 2, 3), Format.PRACTICE),
     *(Heat(f'TT {kart}', (kart,), Format.TIME_TRIAL, 2, 'Practice') for kart in (5, 4, 1, 2, 3)),
     Heat('Final', (1, 2, 3), Format.RACE, 3, 'time_trial'),
+    Heat('TT again', (2, 3), Format.TIME_TRIAL, 2),
 )
 
 
@@ -65,6 +66,8 @@ def test_a_time_trial_is_driven_in_the_order_of_practice_and_then_by_number(day:
     assert turns == ['TT 3', 'TT 1', 'TT 2', 'TT 4', 'TT 5']
     assert day.next() == ''
     assert day.overall() == [*enumerate((3, 1, 2, 4, 5), 1)]
+    day.drive('TT again', {2: 10.0, 3: 20.0})
+    assert day.overall() == [*enumerate((2, 3, 1, 4, 5), 1)]  # each by the better of its heats
 
 
 def test_the_heat_in_the_race_is_not_next_and_one_without_a_lap_is_next_again(day: Day) -> None:
