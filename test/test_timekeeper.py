@@ -314,14 +314,22 @@ def test_a_flood_of_passings_is_bounded_and_told_and_holds_up_neither_stops_nor_
     line = event.line
     event.race()
     line.laps(1, 2)
-    for number in range(20_000):
-        line.sees(0, line.now(), source='gate', number=number + 1, transponder='4711')
+
+    def flood() -> bool:
+        """Say many passings, and return whether the timekeeper has told that some do not count."""
+        for _ in range(2_000):
+            line.sees(0, line.now(), source='gate', transponder='4711')
+        return any('the limit' in each for seen in line.look() for each in seen.questions)
+
+    for _ in range(10):
+        flood()
     event.official.command('kart/red_red', kart=2)
     event.karts[1].wait_for_state(RaceState.RED_RED)
     event.karts[0].wait_for_frames(3)
     assert event.karts[0].state is RaceState.GREEN_GREEN
-    seen = line.wait_for(lambda seen: any('the limit' in each for each in seen.questions), 'it')
-    assert any('no kart has the transponder 4711' in each for each in seen.questions)
+    # On a busy machine, too few of them may have arrived.
+    line.wait_until_polled(flood, 'that some are over the limit')
+    assert any('no kart has the transponder 4711' in each for each in line.heard[-1].questions)
     line.laps(1, 1)
     line.wait_for_laps(1, 2)
     event.official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
