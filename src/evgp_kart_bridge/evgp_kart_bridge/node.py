@@ -22,15 +22,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_kart_bridge.lamp import lamp
-from evgp_kart_bridge.link import (
-    Input,
-    LinkClosedError,
-    LinkSettings,
-    LinkStatus,
-    peer_of,
-    RaceControlLink,
-    REPEAT,
-)
+from evgp_kart_bridge.link import Input, LinkClosedError, RaceControlLink, REPEAT
 from evgp_kart_bridge.motion import Motion
 from evgp_kart_bridge.orders import LONGEST_LEASE
 from evgp_kart_bridge.watch import LEASE, NewReasons, race_state_qos
@@ -43,6 +35,7 @@ from evgp_node.stamps import stamp
 from evgp_node.states import state_message, state_of
 from evgp_protocol import clock
 from evgp_protocol.arbiter import Arbiter, Reaction, Settings, StopSource, Verdict
+from evgp_protocol.connection import LinkSettings
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
@@ -174,7 +167,7 @@ class KartBridge(StrictNode):
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         super().__init__('kart_bridge', **node_options)
         link_settings, settings, lease = read_settings(self)
-        self._peer = peer_of(link_settings)
+        self._peer = link_settings.peer
         self._graph = f'ROS domain {self.context.get_domain_id()}'
         self._odometry_topic = self.resolve_topic_name('~/odom')
         # If the topic is remapped, odometry is required.
@@ -389,23 +382,24 @@ class KartBridge(StrictNode):
 
     # ----- output to the team, in the link's thread ---------------------------------------
 
-    def _on_verdict(self, verdict: Verdict, status: LinkStatus) -> None:
+    def _on_verdict(self, verdict: Verdict) -> None:
         self._publish(verdict, clock.now())
-        self._log(verdict, status)
+        self._log(verdict)
         self._published = verdict
         self._log_odometry()
         self._log_unacknowledged(verdict)
-        if status.malformed != self._malformed:
-            self._malformed = status.malformed
+        kart = self._link.kart
+        if kart.malformed != self._malformed:
+            self._malformed = kart.malformed
             self.get_logger().warning(
-                f'{status.malformed} malformed frames so far. The last: {status.last_malformed}',
+                f'{kart.malformed} malformed frames so far. The last: {kart.last_malformed}',
                 throttle_duration_sec=10.0,
                 throttle_time_source_type=self._steady,
             )
         if self._turns % round(REPEAT * LOOK_AROUND) == 0:
             self._ask_to_look.trigger()
         if self._turns % round(REPEAT) == 0:
-            self._diagnostics.publish(self._diagnostic(verdict, status))
+            self._diagnostics.publish(self._diagnostic(verdict))
         self._turns += 1
 
     def _publish(self, verdict: Verdict, at: float) -> None:
@@ -433,9 +427,9 @@ class KartBridge(StrictNode):
                 'every message from 19 January 2038 on'
             ) from error
 
-    def _log(self, verdict: Verdict, status: LinkStatus) -> None:
+    def _log(self, verdict: Verdict) -> None:
         """Log what is new, without repeating every failure to connect."""
-        last = self._published
+        last, connection = self._published, self._link.connection
         obeyed = f'Obey {verdict.state.value}'
         if verdict.acknowledged and last is not None and not last.acknowledged:
             reached = verdict.reached or verdict.state
@@ -444,7 +438,7 @@ class KartBridge(StrictNode):
             if last is None or last.reason or last.state is not verdict.state:
                 self._new_reasons = NewReasons()
                 self.get_logger().info(obeyed)
-        elif status.failures == 0 and (not status.heard_anything or self._arbiter.starting):
+        elif connection.failures == 0 and (not connection.ever_heard or self._arbiter.starting):
             # The bridge is still starting, and nothing is wrong yet.
             if last is None:
                 self.get_logger().info(f'Starting: {obeyed} until {self._peer} sends a state')
@@ -489,7 +483,7 @@ class KartBridge(StrictNode):
             return f'not heard on {self._odometry_topic}'
         return f'{clock.now() - self._odometry_at:.2f} s old on {self._odometry_topic}'
 
-    def _diagnostic(self, verdict: Verdict, status: LinkStatus) -> DiagnosticArray:
+    def _diagnostic(self, verdict: Verdict) -> DiagnosticArray:
         level = DiagnosticStatus.OK
         if not verdict.connected:
             level = DiagnosticStatus.ERROR
@@ -516,8 +510,8 @@ class KartBridge(StrictNode):
                         ('team stop', str(verdict.team_stop).lower()),
                         ('may drive', str(verdict.may_drive).lower()),
                         ('odometry', self._odometry_heard()),
-                        ('connections so far', str(status.connections)),
-                        ('malformed frames so far', str(status.malformed)),
+                        ('connections so far', str(self._link.connection.made)),
+                        ('malformed frames so far', str(self._link.kart.malformed)),
                     )
                 ],
             )

@@ -35,12 +35,15 @@ class Kart:
     running during suspend: `evgp_protocol.clock.now`. If a time is before an earlier one, the
     connection counts as lost. It is also lost after `Settings.frame_timeout` without a `tick`.
 
+    :param arbiter: an arbiter that has more inputs than these; its owner passes their reactions to
+        `follow`. None for one with these settings.
     :ivar malformed: number of malformed frames so far.
+    :ivar last_malformed: what was wrong with the last malformed frame, if there was one.
     """
 
-    def __init__(self, settings: Settings | None = None) -> None:
-        self.malformed = 0
-        self._arbiter = Arbiter(settings or Settings(), first_order=1)
+    def __init__(self, settings: Settings | None = None, arbiter: Arbiter | None = None) -> None:
+        self.malformed, self.last_malformed = 0, ''
+        self._arbiter = arbiter or Arbiter(settings or Settings(), first_order=1)
         self._decoder: FrameDecoder | None = None  # of the current connection, if any
         # The last two ticks. What is read now arrived after the first of them: otherwise, it would
         # have been read before the second.
@@ -63,7 +66,7 @@ class Kart:
     def tick(self, now: float) -> None:
         """Let time pass. Call it once in every turn of the loop that brakes."""
         self._turn_before, self._turn = self._turn, now
-        self._follow(self._arbiter.tick(now))
+        self.follow(self._arbiter.tick(now))
 
     def connected(self, now: float) -> None:
         """Begin a new connection to race control; the previous one counts as lost."""
@@ -84,15 +87,16 @@ class Kart:
         frame may have waited while the kart was held up, so silence counts from the tick before
         the last one.
         """
-        self._follow(self._arbiter.tick(now))  # frames that arrive after the timeout are too late
+        self.follow(self._arbiter.tick(now))  # frames that arrive after the timeout are too late
         for event in self._decoder.feed(data) if self._decoder else []:
             if isinstance(event, StateFrame):
                 self._heard_since_said = True
                 if event.state is RaceState.IN_GARAGE is not self.verdict.commanded:
                     self._garage_owed = True
-                self._follow(self._arbiter.heard(event.state, now, self._turn_before))
+                self.follow(self._arbiter.heard(event.state, now, self._turn_before))
             else:
                 self.malformed += 1
+                self.last_malformed = f'{event.reason}: {event.raw!r}'
 
     def team_stop(
         self, engaged: bool, now: float, source: StopSource = StopSource.SERVICE
@@ -103,7 +107,7 @@ class Kart:
         With `Settings.tsr_timeout`, pass every message of the safety remote with
         ``StopSource.TSR``, including those that say go.
         """
-        self._follow(self._arbiter.team_stop(source, engaged, now))
+        self.follow(self._arbiter.team_stop(source, engaged, now))
 
     def speed(self, metres_per_s: float, now: float) -> bytes:
         """
@@ -111,7 +115,7 @@ class Kart:
 
         :return: bytes to send: with `Settings.auto_acknowledge_stop`, the acknowledgement.
         """
-        return self._follow(self._arbiter.speed(metres_per_s, now))
+        return self.follow(self._arbiter.speed(metres_per_s, now))
 
     def acknowledge(self, order: int, now: float) -> bytes:
         """
@@ -125,14 +129,14 @@ class Kart:
             order is over, if the arbiter refuses, or if they would repeat the last acknowledgement
             although no frame has arrived since.
         """
-        self._follow(self._arbiter.tick(now))
+        self.follow(self._arbiter.tick(now))
         reached = self.verdict.reached
         if reached is None:
             return b''
-        return self._follow(self._arbiter.acknowledge(reached, order, now))
+        return self.follow(self._arbiter.acknowledge(reached, order, now))
 
-    def _follow(self, reaction: Reaction) -> bytes:
-        """Carry out the reaction of an input; return the bytes to send."""
+    def follow(self, reaction: Reaction) -> bytes:
+        """Carry out the reaction to an input of the arbiter; return bytes to send, if any."""
         if reaction.give_up is not None:
             self._decoder = None
         order = reaction.verdict.order
