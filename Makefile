@@ -180,7 +180,8 @@ survey:
 # The pictures in docs/, made by the tests that look at every state of the window.
 screenshots:
 	EVGP_ALL_TESTS=1 EVGP_SCREENSHOTS=docs/screenshots $(IN_WORKSPACE) --console \
-	  python -m pytest test/test_board.py test/test_console.py test/test_report_page.py -k screenshots
+	  python -m pytest src/evgp_rcs_console/test/test_window.py test/test_board.py \
+	  test/test_report_page.py -k screenshots
 
 # Sizes without the C library; text is flash, bss is memory.
 kit-size:

@@ -21,23 +21,18 @@ import time
 from typing import Any
 
 from evgp_node.qos import latched
-from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.ros.messages import message_of
-from evgp_rcs.rules import inputs
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.link_quality import NOT_MEASURED
-from evgp_rcs.rules.snapshot import snapshot_of
+from evgp_rcs.rules.catalogue import CATALOGUE
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain
-from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from evgp_testing.fixtures import ConnectKart, StartRaceControl
 from evgp_testing.part import PATIENCE
-from evgp_testing.race_control import RaceControl, Timekeeper
+from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
-from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_kart import Acknowledges
 from example_race import EVERYTHING, KART, RACE
 import pytest
-from recorded_races import PaperRace
 from rig.console import Console
 from rig.needs import need_qt, need_screen
 from rig.screen import Screen
@@ -50,11 +45,7 @@ RED_RED = RaceState.RED_RED
 
 EACH_CHANGE = Acknowledges.EACH_CHANGE
 
-OpenConsole = Callable[..., Console]
-OpenBeside = Callable[..., tuple[Console, list[WireKart]]]
-
-
-TEAMS = {1: 'Georgia Tech', 2: 'Purdue', 3: 'Michigan', 4: 'UC Berkeley', 5: 'Kennesaw State'}
+OpenConsole = Callable[[int], Console]
 
 
 @pytest.fixture
@@ -62,24 +53,17 @@ def open_console(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> OpenCon
     """Return a function that opens an official's window on a screen of its own."""
     need_screen()
 
-    def open_(domain: int, **environment: str) -> Console:
+    def open_(domain: int) -> Console:
         screen = parts.enter_context(Screen())
-        return parts.enter_context(Console(tmp_path, domain, screen, environment))
+        return parts.enter_context(Console(tmp_path, domain, screen))
 
     return open_
-
-
-def see_karts(console: Console, *numbers: int) -> None:
-    """Return once the window shows these karts as connected."""
-    for number in numbers:
-        console.wait_for(f'kart_{number}', linked='true')
 
 
 class Speaker(RosSide):
     """
     Speaks as a race control does, on a domain: it tells of a race, five times a second.
 
-    :param race: what it tells; another one may be put in its place.
     :param accepts: whether it accepts every stop; ``stops`` are their services and karts.
     """
 
@@ -93,9 +77,9 @@ class Speaker(RosSide):
                     f'rcs/{entry.service}',
                     functools.partial(self._accept, entry.service),
                 )
-        self.domain, self.race = domain, race
+        self.domain = domain
         publisher = self.node.create_publisher(msg.Race, 'rcs/race', latched(1))
-        self.node.create_timer(0.2, lambda: publisher.publish(self.race))
+        self.node.create_timer(0.2, lambda: publisher.publish(race))
         self.spin()
 
     def _accept(self, service: str, request: Any, response: Any) -> object:
@@ -209,136 +193,6 @@ def test_every_stop_is_pressed_until_race_control_is_back(
     console.wait_for('status', text='✓ .*RED (RED|FLAG)')
 
 
-# ----- pictures -----------------------------------------------------------------------------
-
-
-def fields_of(message: Any) -> dict[str, Any]:
-    return {name: getattr(message, name) for name in message.get_fields_and_field_types()}
-
-
-def pictures(folder: pathlib.Path) -> pathlib.Path:
-    return pathlib.Path(os.environ.get('EVGP_SCREENSHOTS') or folder / 'screenshots')
-
-
-@pytest.mark.long
-def test_screenshots_of_every_state(
-    open_console: OpenConsole,
-    join_official: JoinOfficial,
-    connect_kart: ConnectKart,
-    parts: contextlib.ExitStack,
-    tmp_path: pathlib.Path,
-) -> None:
-    """`make screenshots` keeps them."""
-    folder = pictures(tmp_path)
-    parameters = {'red_alert': 0.2, 'finish_delays': '[0.1]', 'officials': '[Anna, Ben]'}
-    domain = parts.enter_context(Domain()).number
-    control = RaceControl(tmp_path, domain, (1, 2, 3), (4, 5), parameters, TEAMS)
-    parts.callback(control.close)
-    parts.enter_context(Timekeeper(tmp_path, control.domain, {'min_lap_time': 1.0}))
-    console = open_console(control.domain)
-
-    def shoot(name: str) -> None:
-        console.screenshot(folder / f'{name}.png')
-
-    karts: dict[int, WireKart] = {
-        number: connect_kart(control, number, EACH_CHANGE) for number in (1, 2, 4)
-    }
-    karts[3] = connect_kart(control, 3)
-    see_karts(console, 1, 2, 3, 4)
-    shoot('garage')
-    console.press_on('official', see='official_1', focus=True)
-    console.press('Return', see='official', text='Anna')
-    console.ask('F2')
-    console.wait_for('yes', barred='false')
-    shoot('question')
-    console.press('y', see='state', text='GRID ACTIVE')
-    console.hover('green_green')
-    console.wait_for('status', text='kart 3 ')
-    shoot('grid')
-    karts[3].say(GRID_ACTIVE)
-    console.wait_for('green_green', barred='false')
-    console.ask('F3')
-    console.press('y', see='state', text='GREEN GREEN')
-    karts[3].wait_for_state(GREEN_GREEN)
-    karts[3].say(GREEN_GREEN)
-    console.wait_for('kart_finish_2', barred='false')
-    console.press('b', see='kart_2', text='RED FLAG(.|\n)*✓ stopped(.|\n)*F1')
-    console.hover('log')
-    shoot('race')
-    karts[3].close()
-    console.wait_for('kart_3', linked='false')
-    console.wait_for('banner', text='lost its connection')
-    console.press('Escape', '3', see='number', text='KART 3')
-    shoot('alert')
-    console.key('space')
-    console.wait_for('state', text='RED RED')
-    console.wait_for('kart_1', text='RED RED(.|\n)*✓ stopped')
-    shoot('all-kill')
-    console.press('F1', see='help')
-    shoot('keys')
-    console.key('Escape')
-    official = join_official(control)
-    seen = official.wait_for_race(lambda race: len(race.karts) == 5, 'five karts')
-    alert = msg.Alert(
-        kind=msg.Alert.TWO_RACE_CONTROLS,
-        text='Another race control is running in this ROS domain.',
-        since=seen.stamp,
-    )
-    other = Speaker(domain, msg.Race(**{**fields_of(seen), 'alerts': [alert]}))
-    parts.callback(other.close)
-    console.wait_for('danger_title', text='TWO RACE CONTROLS')
-    shoot('two')
-    other.close()
-    console.wait_for('danger', visible=False)
-    control.kill()
-    console.wait_for('danger_title', text='GONE')
-    console.key('space')
-    console.wait_for('kill_hint', text='SENT 3 times')
-    shoot('gone')
-
-    assert len(list(folder.glob('*.png'))) >= 9
-
-
-def race_with_links() -> msg.Race:
-    """Return a race by the rules, 34 s after GREEN_GREEN, which kart 3 has not acknowledged."""
-    paper = PaperRace(TEAMS)
-    paper.connect(*TEAMS)
-    paper.command(CommandKind.GRID_ACTIVE, official='Anna')
-    paper.acknowledge()
-    paper.command(CommandKind.GREEN_GREEN, official='Anna')
-    paper.wait(2.0)
-    for number in (1, 2, 4, 5):
-        paper.say(number)
-    paper.wait(23.0)
-    paper.lose(5)
-    paper.wait(8.0)
-    for number, grade, worst in (
-        (1, Grade.GOOD, 0.05),
-        (2, Grade.FAIR, 0.24),
-        (3, Grade.POOR, 0.62),
-        (4, Grade.GOOD, 0.05),
-    ):
-        link = NOT_MEASURED._replace(grade=grade, worst_answer=worst, round_trip=0.004)
-        paper.feed(inputs.Measured(paper.now, number, link))
-    paper.wait(1.0)
-    clock_ns = time.time_ns() - round(paper.now * 1e9)
-    race: msg.Race = message_of(snapshot_of(paper.race, paper.now), msg.Race, clock_ns)
-    return race
-
-
-@pytest.mark.long
-def test_screenshots_of_links_that_are_good_fair_poor_and_lost_30_s_after_green(
-    parts: contextlib.ExitStack, domain: int, open_console: OpenConsole, tmp_path: pathlib.Path
-) -> None:
-    parts.enter_context(Speaker(domain, race_with_links()))
-    console = open_console(domain)
-
-    console.wait_for('kart_3', linked='true', text='poor\n620 ms')
-    console.wait_for('kart_5', linked='false')
-    console.wait_for('strip', text='USE THE MSR: kart 5\nwaiting for 3, 5')
-    console.screenshot(pictures(tmp_path) / 'link.png')
-
-
 # ----- a race at one window -----------------------------------------------------------------
 
 
@@ -374,7 +228,8 @@ def test_old_presses_start_no_race_and_a_window_that_stays_hung_ends_it(
     )
     console = open_console(control.domain)
     karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2)]
-    see_karts(console, 1, 2)
+    for number in (1, 2):
+        console.wait_for(f'kart_{number}', linked='true')
 
     console.wait_for('join_race_2', barred='false')
     console.press_on('join_race_2', see='leave_race_2')

@@ -11,7 +11,6 @@ Commands never go through the probe; they are clicks and keys on the X server.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 import contextlib
 from multiprocessing import connection
@@ -42,16 +41,9 @@ class Console(Program):
     An official's window on a screen of its own.
 
     :param folder: where its socket goes.
-    :param environment: more environment variables of its process.
     """
 
-    def __init__(
-        self,
-        folder: pathlib.Path,
-        domain: int,
-        screen: Screen,
-        environment: dict[str, str] | None = None,
-    ) -> None:
+    def __init__(self, folder: pathlib.Path, domain: int, screen: Screen) -> None:
         """Open the window; it need not find race control."""
         self.screen = screen
         self._asking: Callable[[], None] = lambda: None
@@ -67,7 +59,6 @@ class Console(Program):
                 'PYTHONPATH': os.pathsep.join(sys.path),
                 # The official's name is kept below it.
                 'ROS_HOME': str(folder),
-                **(environment or {}),
             },
         )
         try:
@@ -181,11 +172,6 @@ class Console(Program):
     def go_on(self) -> None:
         self._probe.send({'do': 'go on'})
 
-    def screenshot(self, path: pathlib.Path) -> None:
-        """Write what the screen shows into a PNG file."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        assert self._ask(do='screenshot', path=str(path))
-
     def close(self) -> int:
         """Close it in an orderly way, or by force if that takes too long; return its exit code."""
         code = super().close()
@@ -271,15 +257,6 @@ def probe(window: Any, address: str) -> None:
             for name, value in wanted.items()
         )
 
-    def colours(picture: Any, most: int) -> list[int]:
-        """Return the colours that are most frequent: a picture with a palette is far smaller."""
-        picture = picture.convertToFormat(QtGui.QImage.Format.Format_RGB32)
-        bits = picture.constBits()
-        size = picture.sizeInBytes()
-        data = bits.asstring(size) if hasattr(bits, 'asstring') else bytes(bits)
-        count = Counter(memoryview(data).cast('I'))
-        return [colour for colour, _ in count.most_common(most)]
-
     def wait(name: str, wanted: dict[str, Any], until: float, before: Any = None) -> None:
         found = find(name)
         over = time.monotonic() > until
@@ -306,12 +283,6 @@ def probe(window: Any, address: str) -> None:
             going_on.clear()
             talking.send(True)
             going_on.wait()
-        elif question['do'] == 'screenshot':
-            picture = QtGui.QGuiApplication.primaryScreen().grabWindow(0).toImage()
-            few = picture.convertToFormat(
-                QtGui.QImage.Format.Format_Indexed8, colours(picture, 256)
-            )
-            talking.send(few.save(question['path'], 'PNG', 0))
 
     going_on = threading.Event()
     asked = Asked()

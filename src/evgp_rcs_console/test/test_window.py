@@ -13,10 +13,11 @@ import pathlib
 import time
 from typing import Any
 
+from evgp_node.codec import message_of, value_of
 from evgp_node.official import UNNAMED
 from evgp_node.results import Act, KartResult, RaceOfEvent, Standings, Status
 from evgp_protocol import clock
-from evgp_protocol.link import Grade
+from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 
@@ -26,22 +27,27 @@ except ImportError as error:
     from rig.needs import cannot_run
 
     cannot_run(f'Qt cannot be loaded: {error}', whole_file=True)
+from evgp_rcs.rules import inputs
+from evgp_rcs.rules.inputs import Entrant, Setup
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import (
     Alert,
     AlertKind,
     Answer,
+    Attendance,
     Availability,
     Event,
     EventKind,
     Heat,
+    RaceTimes,
     StampedEvent,
     TrackAccess,
 )
-from evgp_rcs.rules.snapshot import Snapshot
+from evgp_rcs.rules.snapshot import Snapshot, snapshot_of
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.alerts import Alarm, AlertsArea
-from evgp_rcs_console.commands import Given, LATE
+from evgp_rcs_console.client import spoken
+from evgp_rcs_console.commands import Given, LATE, Standing
 from evgp_rcs_console.display import Inbox, READ, SETTLED
 from evgp_rcs_console.freshness import AGAIN, AIM, InputClock, SETTLE, STALE
 from evgp_rcs_console.gui import low_battery
@@ -54,8 +60,10 @@ from evgp_rcs_console.style import BLACK, DAY, FILLS, NIGHT, WHITE, YELLOW
 from evgp_rcs_console.view import BARS
 from evgp_rcs_console.widgets import CommandButton, Panel, Push, Text
 from evgp_rcs_console.window import ConsoleWindow, LOOK
+from evgp_rcs_msgs import msg
 from example_race import EVERYTHING, KART, offers, RACE, replace
 import pytest
+from recorded_races import PaperRace
 
 QtTest = importlib.import_module(QtCore.__name__.replace('QtCore', 'QtTest'))
 
@@ -1264,3 +1272,83 @@ def test_a_command_that_is_not_possible_says_why_when_pointed_at_focused_and_pre
         console.window.setFocus()
         assert f'GREEN GREEN: {WHY}' in console.told(act, *on)
     assert not console.sent
+
+
+# ----- pictures -----------------------------------------------------------------------------
+
+
+def test_screenshots_of_a_race_and_of_what_may_go_wrong(
+    console: Console, monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path
+) -> None:
+    """`make screenshots` keeps them."""
+    folder = pathlib.Path(os.environ.get('EVGP_SCREENSHOTS', tmp_path))
+    teams = 'Georgia Tech', 'Purdue', 'Michigan', 'UC Berkeley', 'Kennesaw State'
+    karts = tuple(Entrant(number, team, number < 4) for number, team in enumerate(teams, 1))
+    paper = PaperRace({}, setup=Setup(karts, RaceTimes(finish_delays=(0.1,)), (), 100.0))
+    paper.wall_offset_ns = time.time_ns() - round(paper.now * 1e9)
+    monkeypatch.setattr(time, 'time', lambda: paper.wall_offset_ns / 1e9 + paper.now)
+    paper.feed(inputs.Attended(paper.now, Attendance(1, 'Anna')))
+    paper.connect(1, 2, 3, 4)
+
+    def drive(seconds: float, *answering: int, **links: float) -> None:
+        """Let time pass, and have karts answer; the others' links need so long (s)."""
+        for number in (1, 2, 3, 4):
+            worst = links.get(f'kart_{number}', 0.01)
+            grade = max((each for each in GRADES if worst >= GRADES[each]), key=GRADES.get)
+            link = NOT_MEASURED._replace(grade=grade, worst_answer=worst, round_trip=0.004)
+            paper.feed(inputs.Measured(paper.now, number, link))
+        paper.wait(seconds)
+        for number in answering:
+            paper.say(number)
+
+    def show(*acts: str, picture: str = '', two: bool = False) -> None:
+        """Press something, show the race once it has taken that, and keep a picture of it."""
+        console.press(*acts)
+        for given in console.sent:
+            answer = paper.command(given.command, given.kart, 'Anna').answer
+            console.inbox.on_answer(given, Answer(answer.success, spoken(answer.message)))
+        console.sent.clear()
+        for each in paper.stamped:
+            said = each.event._replace(text=spoken(each.event.text))
+            console.inbox.on_event(each._replace(event=said))
+        paper.stamped.clear()
+        now = snapshot_of(paper.race, paper.now)
+        message = message_of(now, msg.Race, paper.wall_offset_ns)
+        race = value_of(message, Snapshot, spoken)
+        console.tell(race, Standings(race.stamp, run=race.run, race=race.number))
+        if two:
+            console.inbox.on_race(race, console.now, two)
+            console.settle()
+        if picture:
+            keep(picture)
+
+    def keep(picture: str) -> None:
+        assert console.window.grab().save(str(folder / f'{picture}.png'), 'PNG', 0)
+
+    show('F2', 'Y')
+    drive(1.0, 1, 2)
+    QtTest.QTest.mouseMove(console.handle, console.place('green_green'))
+    show(picture='grid')
+    QtTest.QTest.mouseMove(console.handle, console.place('log'))
+    drive(5.0, 3)
+    show()
+    show('F3', 'Y')
+    drive(2.0, 1, 2)
+    drive(20.0, 3)
+    show('B')
+    drive(0.5, 2)
+    drive(3.5)
+    show(picture='race')
+    drive(12.0, kart_2=0.24, kart_3=0.62)
+    show(picture='link')
+    paper.lose(3)
+    show()
+    show('3', picture='alert')
+    show('Esc', picture='two', two=True)
+    assert console.text('danger_title') == texts.TWO
+    console.settle(1.2)
+    kill = Standing(Given(CommandKind.ALL_KILL), console.now - 1.2, presses=3)
+    console.inbox.on_pressing((kill,))
+    console.settle()
+    assert console.text('danger_title') == texts.GONE
+    keep('gone')
