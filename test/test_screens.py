@@ -16,6 +16,7 @@ import itertools
 import pathlib
 import random
 import re
+from typing import ClassVar
 
 from evgp_board import view as board
 from evgp_node.codec import message_of, value_of
@@ -60,7 +61,10 @@ class Timed(Running):
     A run of race control beside the timekeeper, who hears all that it says, and a console.
 
     :ivar said: the last results of each race of this run, by its number.
+    :cvar changed: the commands whose result a console saw only once they were accepted.
     """
+
+    changed: ClassVar[set[CommandKind]] = set()
 
     def __init__(self, desk: Desk, run: str, seed: int, before: Timed | None = None) -> None:
         super().__init__(seed, before)
@@ -71,16 +75,21 @@ class Timed(Running):
 
     def correct(self, act: Act, kart: int, **terms: int | bool | str) -> None:
         self.hear()
+        assert shows(self.shown, Given(act, kart))  # no snapshot tells of it, and none denies it
         asked = Correction(act, 'Ben', kart, reason='it was seen')._replace(**terms)
         self.desk.feed(Corrected(self.now, asked))
 
     def feed(self, given: inputs.Input) -> Outcome:
         """Feed an input; the console sees in the race what came of a command."""
+        if not isinstance(given, inputs.Commanded):
+            return super().feed(given)
+        kind, kart, heat = given.command.kind, given.command.kart, given.command.heat
+        command = Given(kind, kart, taken={'heat': heat} if kind is CommandKind.SET_HEAT else {})
+        is_new = kind not in self.changed and not shows(self.shown, command)
         outcome = super().feed(given)
-        if isinstance(given, inputs.Commanded) and outcome.answer and outcome.answer.success:
-            kind, kart, heat = given.command.kind, given.command.kart, given.command.heat
-            taken = {'heat': heat} if kind is CommandKind.SET_HEAT else {}
-            assert shows(self.shown, Given(kind, kart, taken=taken)), (kind, outcome.answer)
+        if outcome.answer and outcome.answer.success:
+            assert shows(self.shown, command), (kind, outcome.answer)
+            self.changed |= {kind} if is_new else set()
         return outcome
 
     def hear(self) -> Standings:
@@ -177,6 +186,8 @@ def check_effects(button: Button, timed: Timed, shown: Snapshot) -> None:
     outcome = race.command(received(button.gives), timed.now)
     assert outcome.answer is not None
     assert outcome.answer.success, outcome.answer.message
+    assert shows(snapshot_of(race, timed.now), button.gives)
+    timed.changed |= set() if shows(shown, button.gives) else {button.command}
     after = {kart.number: (kart.sent, kart.hold) for kart in race.karts.values()}
     parts = said.now, said.later, said.held, said.rest
     at_once, later, held, rest = ({kart.number for kart in part} for part in parts)
@@ -295,3 +306,4 @@ def test_screens_questions_and_records_say_of_a_race_what_it_is(tmp_path: pathli
     assert seen >= {*(heat.name for heat in HEATS), *RaceState, *Status}
     assert (asked, offered) == (ASKING, CONFIRMS_ALSO)
     assert against
+    assert Timed.changed == {each for each in CommandKind if CATALOGUE[each].is_seen}
