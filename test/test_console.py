@@ -11,27 +11,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
-import functools
 import os
 import pathlib
 import signal
 import subprocess
 import sys
 import time
-from typing import Any
 
-from evgp_node.qos import latched
 from evgp_protocol.states import RaceState
-from evgp_rcs.ros.messages import message_of
-from evgp_rcs.rules.catalogue import CATALOGUE
-from evgp_rcs_msgs import msg, srv
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, StartRaceControl
 from evgp_testing.part import PATIENCE
 from evgp_testing.race_control import RaceControl
-from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges
-from example_race import EVERYTHING, KART, RACE
+from evgp_testing.wire_race import WireRace
 import pytest
 from rig.console import Console
 from rig.needs import need_qt, need_screen
@@ -58,44 +53,6 @@ def open_console(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> OpenCon
         return parts.enter_context(Console(tmp_path, domain, screen))
 
     return open_
-
-
-class Speaker(RosSide):
-    """
-    Speaks as a race control does, on a domain: it tells of a race, five times a second.
-
-    :param accepts: whether it accepts every stop; ``stops`` are their services and karts.
-    """
-
-    def __init__(self, domain: int, race: msg.Race, accepts: bool = False) -> None:
-        super().__init__('rcs', domain)
-        self.stops: list[tuple[str, int]] = []
-        for entry in CATALOGUE.values():
-            if accepts and entry.stop:
-                self.node.create_service(
-                    getattr(srv, entry.service_type),
-                    f'rcs/{entry.service}',
-                    functools.partial(self._accept, entry.service),
-                )
-        self.domain = domain
-        publisher = self.node.create_publisher(msg.Race, 'rcs/race', latched(1))
-        self.node.create_timer(0.2, lambda: publisher.publish(race))
-        self.spin()
-
-    def _accept(self, service: str, request: Any, response: Any) -> object:
-        with self.news:
-            self.stops.append((service, getattr(request, 'kart', 0)))
-            self.news.notify_all()
-        response.success = True
-        return response
-
-    def wait_for_stop(self, service: str, kart: int = 0) -> None:
-        """Wait until this stop has come, since the last one that was waited for."""
-        self.wait_until(
-            lambda: (service, kart) in self.stops,
-            lambda: f'the stop {service} {kart}; there came {self.stops}',
-        )
-        self.stops.clear()
 
 
 # ----- a window that ends or hangs ----------------------------------------------------------
@@ -293,46 +250,45 @@ def test_old_presses_start_no_race_and_a_window_that_stays_hung_ends_it(
 # ----- nothing keeps a stop -----------------------------------------------------------------
 
 
+class AtWindow:
+    """A window on a race of twelve karts in the garage, and the stops that come from it."""
+
+    def __init__(self, race: WireRace, console: Console) -> None:
+        self.console = console
+        self._official = race.official
+
+    def wait_for_stop(self, command: CommandKind, kart: int = 0) -> None:
+        """Wait until race control accepts this stop, since the last one that was waited for."""
+        kind = getattr(msg.CommandAvailability, command.name)
+        self._official.wait_for_event(
+            lambda each: (each.kind, each.command, each.kart) == (each.COMMAND, kind, kart),
+            f'{command.name} of kart {kart}',
+        )
+        with self._official.news:
+            self._official.events.clear()
+
+
 @pytest.fixture(scope='module')
-def the_speaker(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Speaker, Console]]:
-    """Return a speaker that accepts stops and offers nothing else, and a window on it."""
+def at_window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AtWindow]:
     need_screen()
-    reason = 'waiting for kart 17 (Technische Hochschule Ostwestfalen-Lippe): no GRID_ACTIVE yet; '
-    commands = tuple(each._replace(available=False, reason=reason * 2) for each in EVERYTHING)
-    karts = tuple(KART._replace(number=n, place=n, commands=commands) for n in range(1, 13))
+    folder, karts = tmp_path_factory.mktemp('window'), range(1, 13)
     # With the banner's line there is the least room.
-    race = RACE._replace(karts=karts, commands=commands, banner='REHEARSAL')
     with (
-        Domain() as domain,
-        Speaker(domain.number, message_of(race, msg.Race), accepts=True) as speaker,
+        WireRace(folder, karts, absent=karts, parameters={'banner': 'REHEARSAL'}) as race,
         Screen() as screen,
-        Console(tmp_path_factory.mktemp('speaker'), domain.number, screen) as console,
+        Console(folder, race.domain, screen) as console,
     ):
-        console.wait_for('kart_in_garage_12', barred='true')
-        yield speaker, console
+        console.wait_for('kart_finish_12', barred='true')
+        yield AtWindow(race, console)
 
 
-def test_two_race_controls_that_are_heard_are_told_in_the_largest_type(
-    the_speaker: tuple[Speaker, Console],
-) -> None:
-    one, console = the_speaker
-    console.wait_for('danger', visible=False)
-
-    with Speaker(one.domain, msg.Race()):
-        console.wait_for('danger_title', text='TWO RACE CONTROLS')
-        console.wait_for('danger_advice', text='ALL KILL')
-        console.wait_for('grid_active', barred='true')
-
-    console.wait_for('danger', visible=False)
-
-
-def test_nothing_that_opens_takes_a_stop(the_speaker: tuple[Speaker, Console]) -> None:
-    speaker, console = the_speaker
+def test_nothing_that_opens_takes_a_stop(at_window: AtWindow) -> None:
+    console = at_window.console
     x, y = console.place('log')
     bar = console.wait_for('karts')
 
     def point_for_a_tip() -> None:
-        console.hover('kart_undo_finish_3')
+        console.hover('kart_finish_3')
         time.sleep(1.5)  # a tip comes after a while
 
     for begin in (
@@ -347,16 +303,16 @@ def test_nothing_that_opens_takes_a_stop(the_speaker: tuple[Speaker, Console]) -
             console.screen.click(left, middle)
         else:
             console.click('kart_red_red_4')
-        speaker.wait_for_stop('kart/red_red', 4)
+        at_window.wait_for_stop(CommandKind.KART_RED_RED, 4)
         begin()
         console.key('5', 'ctrl+f')
-        speaker.wait_for_stop('kart/red_flag', 5)
+        at_window.wait_for_stop(CommandKind.KART_RED_FLAG, 5)
         begin()
         console.click('red_flag')
-        speaker.wait_for_stop('red_flag')
+        at_window.wait_for_stop(CommandKind.RED_FLAG)
         begin()
         console.click('all_kill')
-        speaker.wait_for_stop('all_kill')
+        at_window.wait_for_stop(CommandKind.ALL_KILL)
 
 
 HELD = ('shift', 'altgr', 'shift+altgr', 'ctrl', 'caps', 'shift+caps', 'caps+altgr', 'caps')
@@ -372,9 +328,9 @@ HELD = ('shift', 'altgr', 'shift+altgr', 'ctrl', 'caps', 'shift+caps', 'caps+alt
     ],
 )
 def test_the_keys_of_stops_are_stops_on_every_layout_whatever_is_held_with_all_kill(
-    the_speaker: tuple[Speaker, Console], layout: str, digit: str, kart: int
+    at_window: AtWindow, layout: str, digit: str, kart: int
 ) -> None:
-    speaker, console = the_speaker
+    console = at_window.console
     console.screen.lay_out(*layout.split())
     # Where AltGr is Alt, that is a key of the X server.
     last = 'F12' if layout == 'ru' else 'ctrl+altgr+F12'
@@ -382,9 +338,9 @@ def test_the_keys_of_stops_are_stops_on_every_layout_whatever_is_held_with_all_k
     for keys in ('space', *(f'{each}+space' for each in HELD), last):
         console.key(keys)
 
-        speaker.wait_for_stop('all_kill')
+        at_window.wait_for_stop(CommandKind.ALL_KILL)
         console.wait_for('kill_hint', text='SPACE BAR')  # accepted: not the one before once more
     if kart:
         console.key(digit, 'ctrl+r')
-        speaker.wait_for_stop('kart/red_red', kart)
+        at_window.wait_for_stop(CommandKind.KART_RED_RED, kart)
     console.screen.lay_out('us')

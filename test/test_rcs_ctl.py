@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import contextlib
+import functools
 import math
 import os
 import pathlib
@@ -20,13 +21,16 @@ import threading
 import time
 from typing import Any
 
+from evgp_node.codec import message_of
 from evgp_node.official import UNNAMED
+from evgp_node.qos import latched
 from evgp_node.rclpy_private import RCLError
 from evgp_node.results import Act
 from evgp_node.stamps import seconds_of
 from evgp_protocol.clock import now
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.snapshot import NOTHING
 from evgp_rcs_console import ctl_ros
 from evgp_rcs_console.client import Client, request_message
 from evgp_rcs_console.command_line import (
@@ -40,7 +44,7 @@ from evgp_rcs_console.command_line import (
 )
 from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.ctl_ros import Hearing
-from evgp_rcs_msgs import srv
+from evgp_rcs_msgs import msg, srv
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
 from evgp_testing.part import Part, PATIENCE
@@ -261,6 +265,17 @@ def test_a_stop_without_an_answer_says_what_is_known_when_interrupted_and_at_its
         assert 'USE THE MSR' in said
 
 
+def test_a_client_notices_two_race_controls(parts: contextlib.ExitStack, domain: int) -> None:
+    for name in ('one', 'another'):
+        side = parts.enter_context(RosSide(name, domain))
+        publish = side.node.create_publisher(msg.Race, '/rcs/race', latched(1)).publish
+        side.node.create_timer(0.2, functools.partial(publish, message_of(NOTHING, msg.Race)))
+        side.spin()
+    hearing = Hearing()
+    with client_of(domain, hearing):
+        assert hearing.wait_for(lambda: hearing.two, now() + PATIENCE)
+
+
 def test_a_watch_shows_the_race_until_it_ends_and_at_a_terminal_only_somebody_is_there(
     start_race_control: StartRaceControl, join_official: JoinOfficial
 ) -> None:
@@ -429,12 +444,16 @@ NOT_YET = (
 
 
 def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
-    desk: Desks, connect_kart: ConnectKart
+    desk: Desks, connect_kart: ConnectKart, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     control, official, lines = desk
     karts = [connect_kart(control, number) for number in (1, 2)]
     official.wait_for_connected(1, 2)
     which = 'GRID ACTIVE now to 2 karts: 1, 2'
+    with monkeypatch.context() as called:
+        called.setenv('EVGP_CTL', 'make ctl ARGS="%s"')
+        typed = 'make ctl ARGS="grid-active 1 2 --track-is-clear"'
+        assert typed in lines.run('grid-active', '--track-is-clear').error
 
     for line, code, *said in (
         ('green-green 1 2', REFUSED, NOT_YET),
@@ -487,16 +506,6 @@ def test_an_official_is_asked_for_a_name_once_at_a_terminal_only_and_never_befor
     names = [each.official for each in official.events if each.kind == each.COMMAND]
     assert names == [f'{name} ({platform.node()})' for name in (UNNAMED, 'Anna', 'Anna')]
     assert kept.read_text() == 'Anna\n'
-
-
-def test_the_next_line_is_printed_as_make_takes_it(
-    desk: Desks, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    _, _, lines = desk
-    monkeypatch.setenv('EVGP_CTL', 'make ctl ARGS="%s"')
-    told = lines.run('grid-active', '--track-is-clear')
-
-    assert 'make ctl ARGS="grid-active 1 2 --track-is-clear"' in told.error
 
 
 HANGS = """
