@@ -10,6 +10,7 @@ import importlib
 import itertools
 import os
 import pathlib
+import sys
 import time
 from typing import Any
 
@@ -672,6 +673,17 @@ def test_a_heat_is_chosen_by_its_number_and_enter_and_no_other_key_puts_one_into
     assert console.commands == [(CommandKind.READ_ROSTER, 0)]
     console.press('take_roster')
     assert console.find('question').button.command is CommandKind.TAKE_ROSTER
+
+
+def test_the_locked_qt_loses_no_reference_to_none(console: Console) -> None:
+    """Else Python ends the window after some thousand calls, in the middle of a race."""
+    label = Text()
+    before = sys.getrefcount(None)
+    for _ in range(1000):
+        label.setText('text')
+        label.setFixedWidth(10)
+        label.property('none')
+    assert before - sys.getrefcount(None) < 100
 
 
 def test_a_low_battery_is_told_while_it_is_in_use(tmp_path: pathlib.Path) -> None:
