@@ -19,8 +19,8 @@ from typing import Any, TypeVar
 from evgp_node.roster import MOST_ENTRIES
 from evgp_protocol import clock
 from evgp_protocol.frames import encode
-from evgp_protocol.hearing import FLOOD_BYTES
-from evgp_protocol.link import Grade, unread
+from evgp_protocol.hearing import FLOOD_BYTES, Hearing
+from evgp_protocol.link import BEAT_RATE, Grade, unread
 from evgp_protocol.loop import run as run_loop
 from evgp_protocol.states import RaceState
 from evgp_rcs.karts import server as kart_server
@@ -345,6 +345,36 @@ def test_an_acknowledgement_that_waited_unread_when_the_command_came_counts_for_
     assert not running.race.karts[1].acknowledged
     client.sendall(encode(RED_RED))
     running.wait_for(EventKind.ACKNOWLEDGED, 1)
+
+
+def test_a_word_that_may_be_an_old_one_is_told_with_its_wait_and_counts_after_it(
+    run: Run,
+) -> None:
+    running = run(BEAT_RATE, karts=1, settle_time=2.5)
+    client = running.connect(1)
+    for count in (1, 2):  # a second stop, just after the first one was released
+        running.give(CommandKind.ALL_KILL)
+        read_until(client, RED_RED)
+        client.sendall(encode(RED_RED))  # once, as a kart that says each change
+        if count == 1:
+            running.wait_until_shown(lambda race, at: race.karts[1].stands)
+            assert running.give(CommandKind.IN_GARAGE).success
+            read_until(client, IN_GARAGE)
+    (told,) = running.wait_for(EventKind.REPORTED, 1)
+    assert 'perhaps in answer to an earlier command' in told.text
+    counts_at = running.race.karts[1].counts_at
+    assert counts_at is None or counts_at > clock.now()
+    running.wait_for(EventKind.ACKNOWLEDGED, 1, count=2)
+
+
+def test_a_kart_that_is_heard_to_read_late_has_a_poor_link(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Hearing, 'behind', 1.2)
+    running = run(beat_rate=20.0)
+    running.connect(1)
+    (event,) = running.wait_for(EventKind.LINK_GRADE, 1)
+    assert event.text.endswith('is poor: the kart may read a stop 1.2 s late')
 
 
 def test_a_stop_that_lies_unread_is_judged_before_what_a_kart_says(run: Run) -> None:
