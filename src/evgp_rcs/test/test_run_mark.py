@@ -13,6 +13,7 @@ import shutil
 import stat
 import subprocess
 import tempfile
+import threading
 
 from evgp_rcs.record import run_mark
 from evgp_rcs.record.run_mark import (
@@ -76,8 +77,9 @@ def test_of_two_race_controls_at_one_port_the_second_is_refused_and_changes_noth
     with pytest.raises(InUseError, match='choose another port'):
         RunMark(path)
     leave_began(path)  # it says so already
-    first.end(LastRun.ENDED)
-    assert run(path) is LastRun.ENDED
+    monkeypatch.setattr(run_mark, 'CLAIM_TIMEOUT', 20.0)
+    threading.Timer(0.1, first.end, (LastRun.ENDED,)).start()
+    assert run(path) is LastRun.ENDED  # it has waited for the end of the first
 
 
 # ----- what proves nothing -----------------------------------------------------------------
