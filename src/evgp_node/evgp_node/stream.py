@@ -30,13 +30,11 @@ class Began(NamedTuple):
     """
     The first entry of a stream.
 
-    :param run: random id of the run, which joins the streams of several programs.
-    :param program: name of the program that writes this stream.
+    :param run: id of the run; in the timekeeper's book, of the machine's start.
     :param wall_ns: wall time when the stream began, in ns since the epoch.
     """
 
     run: str
-    program: str
     wall_ns: int
 
 

@@ -11,7 +11,7 @@ import pathlib
 import sqlite3
 from typing import Any
 
-SCHEMA_VERSION = 12
+SCHEMA_VERSION = 13
 """The ``user_version`` of these files."""
 
 BOOK = 'timing.sqlite3'

@@ -24,7 +24,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record.report.model import Account, Happened
 from evgp_rcs.record.runs import DONE, Kept, open_runs
-from evgp_rcs.record.store import PROGRAM, Record, rules_version, Session
+from evgp_rcs.record.store import Record, rules_version, Session
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.inputs import Batch, encode, Entrant, entries_of, Entry, Log, Rules, Setup
@@ -195,7 +195,7 @@ class PaperRace:
     def stream(self) -> list[Entry]:
         """Return what a record has of it, up to now."""
         self.batches.append(self.log.take())
-        first = Began('1234', PROGRAM, BEGAN), Rules(rules_version(), self.setup)
+        first = Began('1234', BEGAN), Rules(rules_version(), self.setup)
         return [*first, *(entry for batch in self.batches for entry in batch.entries)]
 
     def account(self) -> Account:
@@ -402,7 +402,7 @@ def timed(record: pathlib.Path, *results: Standings | Corrected) -> pathlib.Path
     with open_runs(record) as runs:
         run = runs.choose(None)
     stream: Stream[Standings | Corrected | Began] = Stream([Standings, Corrected, Began])
-    entries = Began('boot', 'timekeeper', 0), *(each._replace(run=run.id) for each in results)
+    entries = Began('boot', 0), *(each._replace(run=run.id) for each in results)
     block = Block(0, b''.join(map(stream.encode, entries))).compressed()
     book, _ = open_for_writing(record.with_name(BOOK))
     with contextlib.closing(book):

@@ -19,6 +19,7 @@ import subprocess
 import sys
 
 from evgp_node.stream import Block, DamagedError
+from evgp_node.stream_file import open_for_writing, WRITE_BLOCK
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.rcs_record import WAYS
 from evgp_rcs.record.runs import DONE, FAILED, PARTLY, UNREADABLE
@@ -168,6 +169,13 @@ def locked(path: pathlib.Path) -> sqlite3.Connection:
     return database
 
 
+def a_book(path: pathlib.Path) -> None:
+    """Have the timekeeper's book there."""
+    book, run = open_for_writing(path)
+    with contextlib.closing(book):
+        book.execute(WRITE_BLOCK, (run, 1, NO_TICK))
+
+
 UNREADABLE_FILES: dict[str, Harm] = {
     'locked': locked,
     'nothing': pathlib.Path.unlink,
@@ -177,8 +185,9 @@ UNREADABLE_FILES: dict[str, Harm] = {
     'a text': lambda path: path.write_text('Kart 7 was first.\n' * 1000),
     'another database': in_place_of(in_database('CREATE TABLE bookmark (url TEXT)')),
     'another database that looks like one': in_place_of(
-        in_database('CREATE TABLE block (day TEXT); PRAGMA user_version = 2')
+        in_database('CREATE TABLE memory (day TEXT); PRAGMA user_version = 2')
     ),
+    "the timekeeper's book": in_place_of(a_book),
     'a later version': in_database('PRAGMA user_version = 99'),
     'a garbled beginning': lambda path: overwritten(path, 0),
     'cut in its first page': cut_to(0.0, 1000),

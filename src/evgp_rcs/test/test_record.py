@@ -16,14 +16,13 @@ import time
 from typing import Any, Literal
 
 from evgp_node import stream_file
-from evgp_node.stream import Began, Block
 from evgp_node.stream_file import blocks_of, open_for_reading
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as print_timeline
 from evgp_rcs.record.runs import PARTLY
 import evgp_rcs.record.store
-from evgp_rcs.record.store import left_behind, Record, sessions
-from evgp_rcs.rules.inputs import Batch, encode, entries_of, Entry, Rules, Setup, Tick
+from evgp_rcs.record.store import left_behind, Record
+from evgp_rcs.rules.inputs import Batch, entries_of, Entry, Rules, Setup, Tick
 from evgp_rcs.rules.race import (
     Doubt,
     Event,
@@ -85,19 +84,6 @@ def have_written(record: Record, memory: RaceMemory) -> None:
 
 def texts(path: pathlib.Path, run: int) -> list[str]:
     return [each.event.text for each in events_of(path, run)]
-
-
-def test_a_stream_of_another_program_is_no_run(begin: Begin, path: pathlib.Path) -> None:
-    record = begin()
-    have_written(record, HOME)
-    record.end()
-    timekeeper = Block(0, encode(Began('1234', 'timekeeper', time.time_ns()))).compressed()
-    with contextlib.closing(sqlite3.connect(path)) as database, database:
-        database.execute('INSERT INTO block VALUES (2, 1, ?)', (timekeeper,))
-    assert begin().left_behind == HOME
-    with contextlib.closing(open_for_reading(path)) as database:
-        oldest, newest = sessions(database)
-    assert (newest.number, oldest.number) == (3, 1)
 
 
 def test_a_run_finds_what_was_saved_last_even_if_a_start_was_cut_off_since(begin: Begin) -> None:

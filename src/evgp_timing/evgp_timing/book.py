@@ -24,9 +24,6 @@ from evgp_node.stream_file import blocks_of, open_for_writing, runs_of, WRITE_BL
 from evgp_protocol import clock
 from evgp_timing import desk
 
-WRITER = 'timekeeper'
-"""Name of the writer in these streams."""
-
 EVENT_LASTS_NS = 3 * 86_400 * 10**9
 """Age from which a stream belongs to an earlier event, in nanoseconds. The timekeeper does not
 restore it, because the heats of that event may have the same names."""
@@ -99,7 +96,7 @@ class Book:
 
     def _of_stream(self, blocks: Iterator[tuple[int, bytes]]) -> Iterator[desk.Input | Gap]:
         now_ns = time.time_ns()
-        began = Began(self._boot, WRITER, now_ns)  # if the stream lacks its own
+        began = Began(self._boot, now_ns)  # if the stream lacks its own
         for entry in STREAM.entries_of(blocks):
             if isinstance(entry, Began):
                 if now_ns - entry.wall_ns > EVENT_LASTS_NS:
@@ -127,7 +124,7 @@ class Book:
             self._entries = self._blocks = 0
         if not self._blocks:
             self._began_ns = now_ns
-            new.insert(0, Began(self._boot, WRITER, now_ns))
+            new.insert(0, Began(self._boot, now_ns))
         block = Block(self._entries, b''.join(map(STREAM.encode, new))).compressed()
         try:
             row = self._run, self._blocks + 1, block

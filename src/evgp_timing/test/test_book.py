@@ -114,9 +114,7 @@ def aged(path: pathlib.Path, by_ns: int) -> None:
         for rowid, data in database.execute('SELECT rowid, data FROM block').fetchall():
             block = Block.of(data)
             entries = [
-                Began('another start', each.program, each.wall_ns - by_ns)
-                if isinstance(each, Began)
-                else each
+                Began('another start', each.wall_ns - by_ns) if isinstance(each, Began) else each
                 for each in STREAM.decode(block.data)
             ]
             older = Block(block.entries, b''.join(map(STREAM.encode, entries))).compressed()

@@ -18,7 +18,7 @@ import sys
 import tempfile
 
 from evgp_node.stream import Block, DamagedError, Gap
-from evgp_node.stream_file import blocks_of, open_for_reading, SCHEMA_VERSION
+from evgp_node.stream_file import blocks_of, check_version, open_for_reading, OtherFileError
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.store import is_being_written, Session, sessions
 from evgp_rcs.rules.inputs import entries_of, Entry
@@ -260,15 +260,16 @@ def _check_file(file: pathlib.Path) -> None:
 
 
 def _check_schema(file: pathlib.Path, database: sqlite3.Connection) -> None:
-    (version,) = database.execute('PRAGMA user_version').fetchone()
     tables = {name for (name,) in database.execute('SELECT name FROM sqlite_master')}
-    if not version or 'block' not in tables:
+    if 'memory' not in tables:
         raise UnreadableError(f'{file} is not a record of race control, but another database')
-    if version != SCHEMA_VERSION:
+    try:
+        check_version(database)
+    except OtherFileError as error:
         raise UnreadableError(
-            f'{file} is not a record that this version can read (its version is {version}, not '
-            f'{SCHEMA_VERSION}). Another version of race control wrote it'
-        )
+            f'{file} is not a record that this version can read ({error}). Another version of '
+            'race control wrote it'
+        ) from error
 
 
 _NO_DATABASE = 'file is not a database'

@@ -47,9 +47,6 @@ from evgp_rcs.rules import catalogue, race
 from evgp_rcs.rules.inputs import Batch, encode, entries_of, Rules
 from evgp_rcs.rules.race import EventKind, RaceMemory, StampedEvent
 
-PROGRAM = 'race control'
-"""Name of the program that writes these streams (``Began``). Other programs may add their own."""
-
 INPUTS_EVERY = 1.0
 """Maximum time for which entries without an event are collected, in seconds. This spares the disk,
 which must confirm every write."""
@@ -129,7 +126,7 @@ class Record:
     def __init__(self, path: pathlib.Path, run: str = '') -> None:
         """Claim the file and find what the last run left behind."""
         self._path = path
-        self._waiting = [Block(0, encode(Began(run, PROGRAM, time.time_ns())))]
+        self._waiting = [Block(0, encode(Began(run, time.time_ns())))]
         self._due = math.inf  # when to write
         self._blocks: list[bytes] = []  # compressed once, however often the disk fails
         self._blocks_written = 0
@@ -315,17 +312,12 @@ def sessions(database: sqlite3.Connection) -> Iterator[Session]:
     :raises sqlite3.DatabaseError: if the record is damaged.
     """
     for number in runs_of(database):
-        run = _session(database, number)
-        if run is not None:
-            yield run
+        yield _session(database, number)
 
 
-def _session(database: sqlite3.Connection, number: int) -> Session | None:
-    """Return a run; None if another program wrote it."""
+def _session(database: sqlite3.Connection, number: int) -> Session:
     first = next(entries_of(itertools.islice(blocks_of(database, number), 1)), None)
-    began = first if isinstance(first, Began) else Began('', PROGRAM, 0)
-    if began.program != PROGRAM:
-        return None
+    began = first if isinstance(first, Began) else Began('', 0)
     happened: list[StampedEvent] = []  # the newest ones
     for block in blocks_of(database, number, backwards=True):
         own = entries_of([block], (StampedEvent,))  # whatever the blocks before it contain
