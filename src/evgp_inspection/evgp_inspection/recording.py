@@ -37,7 +37,8 @@ class Recording:
         self.trace = self.oracle.trace
         self._loop = asyncio.get_running_loop()
         self._began = self._loop.time()
-        self._noted = asyncio.Event()
+        self._awaited: Callable[[], object] = lambda: None
+        self._wakes = asyncio.Event()
 
     @property
     def now(self) -> float:
@@ -54,18 +55,24 @@ class Recording:
     ) -> None:
         """Record an event with the current time."""
         self.oracle.take(Event(self.now, kind, link, data, text, value, unread))
-        self._noted.set()
+        if self._awaited():
+            self._wakes.set()
 
     async def until(self, found: Callable[[], object], seconds: float) -> bool:
-        """Wait until `found` is true, but no longer than this; return whether it became true."""
+        """
+        Wait until `found` is true, but no longer than this; return whether it became true.
+
+        Only one task may wait.
+        """
         deadline = self._loop.time() + seconds
+        self._awaited = found
         while not found():
             if self._loop.time() >= deadline:
                 return False
             # No asyncio.wait_for: it returns a few turns later, when another phase may run.
-            self._noted.clear()
-            timer = self._loop.call_at(deadline, self._noted.set)
-            await self._noted.wait()
+            self._wakes.clear()
+            timer = self._loop.call_at(deadline, self._wakes.set)
+            await self._wakes.wait()
             timer.cancel()
         return True
 
