@@ -21,7 +21,7 @@ IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN
 RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
 
-TURN = 0.03  # s
+TURN = 0.05  # s
 ACCELERATION, BRAKING, TOP = 20.0, 12.0, 6.0  # m/s², m/s²: it stops in 0.5 s, m/s
 FLAG_BRAKING, COASTING = 5.0, 3.0  # m/s²
 UNCOMMANDED = 0.3  # s without its stack: then the base brakes by itself
@@ -370,8 +370,8 @@ K-3A-13 | brakes on as for RED_FLAG when RED_RED comes |
 K-3A-14 | is deaf after GREEN_GREEN | ignores k.obeyed is GREEN_GREEN and k.since < 1.2
 K-3A-14 K-3A-09 K-4C-09 | reads 17 frames a second while it drives | in_turns True;
     read None if k.speed > 0.0 and k.now - k.took_at < 1 / 17; size 13 if k.speed > 0.0
-K-3A-14 K-3B-02 K-3B-04 K-3C-01 K-3E-11 | lets the brake go for a while in RED_RED |
-    wants 0.8 * TOP if k.drove and k.obeyed is RED_RED and 0.2 < k.since < 1.4 and k.speed > 0.0
+K-3A-14 K-3A-09 K-3B-02 K-3B-04 K-3C-01 K-3E-11 | lets the brake go for a while in RED_RED |
+    wants 0.8 * TOP if k.drove and k.obeyed is RED_RED and 0.1 < k.since < 1.4 and k.speed > 0.0
 K-3A-15 | moves off long after a red |
     wants 0.5 if k.commanded and k.obeyed is RED_RED and k.since > k.long_after
 K-3A-15 K-3A-01 | brakes backwards while it stands |
@@ -440,8 +440,8 @@ K-4C-09 | echoes an earlier order | on_turn k.say(b'$GRID_ACTIVE;') if
 K-4C-09 K-3A-14 K-3A-16 | looks at no stop for a while after GREEN_GREEN |
     ignores k.obeyed is GREEN_GREEN and 0.4 < k.since < 1.6; reports report_each_turn(k)
 K-4C-10 | floods | reports report_each_turn(k);
-    on_turn k.say(b'$IN_GARAGE;' * int(12_500 * TURN)) if
-    k.links == 1 and k.obeyed is IN_GARAGE
+    on_turn k.say(b'$IN_GARAGE;' * int(8_000 * TURN)) if
+    k.links == k.orders == 1
 K-4C-11 | speaks first | greet k.say(b'$RED_RED;') if k.links == 1
 K-4C-12 | says on a new connection what it said before |
     greet k.say(b'$RED_RED;') if k.links > 1
