@@ -15,7 +15,6 @@ import functools
 import random
 import sys
 
-from evgp_inspection import VERSION
 from evgp_inspection.inspection import inspect
 from evgp_inspection.inspector import (
     AtTerminal,
@@ -31,8 +30,7 @@ from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import listen
 from evgp_inspection.report import as_html, as_json, deliver
 from evgp_inspection.survey_network import survey_network
-from evgp_inspection.verdicts import Clause, Exit, exit_code, Inspection, judged, select
-from evgp_protocol.frames import DEFAULT_PORT
+from evgp_inspection.verdicts import Clause, Inspection, judged, select, Verdict
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -42,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if what in programs:
         return programs[what](rest[:-1])
     print('Choose kart or survey. "kart --help" shows the options.', file=sys.stderr)
-    return Exit.NOT_PASSED
+    return Verdict.NOT_JUDGED.exit_code
 
 
 def inspect_kart(arguments: Sequence[str] | None = None) -> int:
@@ -59,15 +57,6 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
     add('--race', action='store_true', help='only stage a race: connect, drive, RED_FLAG, RED_RED')
     add('--team', default='', help="the team's name, for the report")
     add('--inspector', default='', help="the inspector's name, for the report")
-    add(
-        '--report',
-        metavar='FOLDER',
-        default='inspections',
-        help='folder for the HTML and JSON report (%(default)s); if empty, there is no report',
-    )
-    add('--version', action='version', version=VERSION)
-    add('--listen', metavar='ADDRESS', default='0.0.0.0', help='IPv4 address here (%(default)s)')
-    add('--port', type=int, default=DEFAULT_PORT, help='port for the kart (%(default)s)')
     add(
         '--kart-address', default='', help="the kart's IPv4 address; default: the first to connect"
     )
@@ -93,7 +82,7 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
         default='',
         help=f'"{WORD}" states that the wheels are off the ground, and the MSR in hand',
     )
-    options, limits = Limits.parse(parser, arguments)
+    options, limits = Limits.parse(parser, arguments, 'inspections')
     seed = limits.seed or random.randrange(1, 1_000_000)  # noqa: S311 - no secret
     limits = dataclasses.replace(limits, seed=seed)
     try:
@@ -105,7 +94,7 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
     if options.list:
         done = {name: step.done for name, step in STEPS.items()}
         print('\n\n'.join(each.explain(done) for each in clauses))
-        return Exit.PASSED
+        return Verdict.PASS.exit_code
     if options.unattended and options.word != WORD:
         parser.error(
             f'--unattended makes a kart drive with no inspector. Give --word {WORD} to state that '
@@ -146,7 +135,7 @@ def _inspect(options: argparse.Namespace, limits: Limits, clauses: Sequence[Clau
         inspection = asyncio.run(_with_the_word(options, limits, clauses))
     except (OSError, OverflowError, ValueError, ImportError) as error:
         print(f'The inspection cannot start: {error}', file=sys.stderr)
-        return Exit.NOT_PASSED
+        return Verdict.NOT_JUDGED.exit_code
     inspection.subject = f'kart {options.number}' if options.number else 'kart'
     inspection.team = options.team
     inspection.inspector = '' if options.unattended else options.inspector
@@ -165,7 +154,7 @@ def _inspect(options: argparse.Namespace, limits: Limits, clauses: Sequence[Clau
     files = {'html': as_html(inspection), 'json': as_json(inspection)}
     name = inspection.subject.replace(' ', '-')
     deliver('\n'.join(lines), options.report, name, began, files)
-    return exit_code(inspection.verdict)
+    return inspection.verdict.exit_code
 
 
 async def _with_the_word(

@@ -15,6 +15,8 @@ import dataclasses
 import math
 from typing import TypeVar
 
+from evgp_inspection import VERSION
+from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.link import Grade, GRADES
 
 AnyLimits = TypeVar('AnyLimits', bound='_Limits')
@@ -47,8 +49,20 @@ class _Limits:
         cls: type[AnyLimits],
         parser: argparse.ArgumentParser,
         arguments: Sequence[str] | None,
+        folder: str,
     ) -> tuple[argparse.Namespace, AnyLimits]:
-        """Add an option for each limit to a command line; return the options and the limits."""
+        """
+        Read a command line with the options of both programs, and one for each limit.
+
+        :param folder: the default folder for reports.
+        :return: the options and the limits.
+        """
+        add = parser.add_argument
+        add('--version', action='version', version=VERSION)
+        add('--listen', metavar='ADDRESS', default='0.0.0.0', help='own address (%(default)s)')
+        add('--port', type=int, default=DEFAULT_PORT, help='port for karts (%(default)s)')
+        meaning = 'folder for the reports (%(default)s); if empty, there is no report'
+        add('--report', metavar='FOLDER', default=folder, help=meaning)
         group = parser.add_argument_group('limits, in seconds unless stated otherwise')
         fields = dataclasses.fields(cls)  # type: ignore[arg-type]
         for field in fields:

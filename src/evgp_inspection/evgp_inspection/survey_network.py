@@ -19,15 +19,14 @@ import datetime
 import socket
 import sys
 
-from evgp_inspection import VERSION
 from evgp_inspection.inspector import stopped_by_signals, Terminal, WORD
 from evgp_inspection.limits import SurveyLimits
 from evgp_inspection.report import deliver
 from evgp_inspection.survey import LinkSurvey, LOST, Mark, Report
 from evgp_inspection.traces import BEAT
-from evgp_inspection.verdicts import Exit, exit_code
+from evgp_inspection.verdicts import Verdict
 from evgp_protocol.clock import now as clock_now
-from evgp_protocol.frames import DEFAULT_PORT, encode
+from evgp_protocol.frames import encode
 from evgp_protocol.link import Answers, Grade, make_prompt, read, unanswered, unsent
 from evgp_protocol.loop import run
 from evgp_protocol.states import RaceState
@@ -232,19 +231,10 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
         'or wrong usage. To make a laptop a kart: ' + EXAMPLE,
     )
     add = parser.add_argument
-    add('--listen', metavar='ADDRESS', default='0.0.0.0', help='IPv4 address here (%(default)s)')
-    add('--port', type=int, default=DEFAULT_PORT, help='port for karts (%(default)s)')
     add('--kart-address', default='', help='the only IPv4 address that counts; default: all')
     add('--word', default='', help=f'"{WORD}" confirms what the survey asks at the start')
     add('--seconds', type=float, default=None, help='duration in seconds; default: until Ctrl-C')
-    add(
-        '--report',
-        metavar='FOLDER',
-        default='surveys',
-        help='folder for the text and JSON report (%(default)s); if empty, there is no report',
-    )
-    add('--version', action='version', version=VERSION)
-    options, limits = SurveyLimits.parse(parser, arguments)
+    options, limits = SurveyLimits.parse(parser, arguments, 'surveys')
     try:
         report = run(_survey(options, limits))
     except (OSError, OverflowError) as error:  # OverflowError: a port above 65535
@@ -253,13 +243,13 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
             "computer, and --listen must be one of this computer's addresses",
             file=sys.stderr,
         )
-        return Exit.NOT_PASSED
+        return Verdict.NOT_JUDGED.exit_code
     if report is None:
         print(f'The survey did not start: the word was not "{WORD}".', file=sys.stderr)
-        return Exit.NOT_PASSED
+        return Verdict.NOT_JUDGED.exit_code
     files = {'txt': report.text(), 'json': report.as_json()}
     deliver(report.text().rstrip(), options.report, 'survey', report.began, files)
-    return exit_code(report.verdict)
+    return report.verdict.exit_code
 
 
 class AtTerminal(Terminal):
