@@ -137,29 +137,24 @@ def test_a_linter_of_ament_has_nothing_to_say(linter: str, path: pathlib.Path) -
 
 
 @every_python_package
-def test_a_package_asks_for_what_its_code_imports(path: pathlib.Path) -> None:
-    asked = {each.name for each in described(path).exec_depends}
+def test_a_package_asks_for_what_it_imports_and_its_tests_for_what_is_of_this_repository(
+    path: pathlib.Path,
+) -> None:
+    package, ours = described(path), {each.name for each in PACKAGES}
+    asked = {each.name for each in package.exec_depends}
     known = {path.name, *sys.stdlib_module_names, *OPTIONAL.get(path.name, ())}
     missing = {
         f'{file.relative_to(path)}: {name}'
-        for folder in (path.name, 'launch')
-        for file in path.glob(f'{folder}/**/*.py')
+        for file in [*path.glob(f'{path.name}/**/*.py'), *path.glob('launch/*.py')]
         for name in imported(file) - known
         if not {name, f'python3-{name}'} & asked
     }
-    assert missing == set()
-
-
-@every_python_package
-def test_a_package_asks_for_what_its_tests_import_of_this_repository(path: pathlib.Path) -> None:
-    package, names = described(path), {each.name for each in PACKAGES}
-    asked = {each.name for each in [*package.exec_depends, *package.test_depends]}
     # Tests find evgp_testing by the path in pyproject.toml, since it needs most of the others.
-    known = {path.name, 'evgp_testing', *asked}
-    missing = {
+    known = {path.name, 'evgp_testing', *asked, *(each.name for each in package.test_depends)}
+    missing |= {
         f'{file.relative_to(path)}: {name}'
         for file in path.glob('test/**/*.py')
-        for name in imported(file) & names - known
+        for name in imported(file) & ours - known
     }
     assert missing == set()
 
