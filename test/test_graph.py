@@ -12,6 +12,7 @@ import socket
 from xml.etree import ElementTree
 
 from evgp_node import graph
+from evgp_node.process import IN_THE_WAY
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
@@ -357,7 +358,7 @@ def test_no_program_starts_on_an_interface_that_is_not_there(
     control = race_control(parts, tmp_path)
     bridge = parts.enter_context(Bridge(domain, free_port(), '127.0.1.1'))
 
-    assert (control.wait(), bridge.wait()) == (3, 3)  # it may be there later
+    assert (control.wait(), bridge.wait()) == (IN_THE_WAY, IN_THE_WAY)
 
     for process in (control, bridge):
         (line,) = process.output.splitlines()
@@ -365,12 +366,27 @@ def test_no_program_starts_on_an_interface_that_is_not_there(
 
 
 def race_control(
-    parts: contextlib.ExitStack, folder: pathlib.Path, **parameters: object
+    parts: contextlib.ExitStack, folder: pathlib.Path, domain: int = 0, **parameters: object
 ) -> Process:
-    """Start a race control that need not come to listen."""
-    domain = parts.enter_context(Domain()).number
+    """Start a race control that need not come to listen; 0: on a domain of its own."""
+    domain = domain or parts.enter_context(Domain()).number
     given = {**settings(folder, write_roster(folder, [1])), **parameters}
     return parts.enter_context(Process('evgp_rcs', 'rcs_node', domain, given))
+
+
+def test_a_second_race_control_on_the_officials_network_does_not_start(
+    networks: TwoNetworks,
+    for_officials: RaceControl,
+    parts: contextlib.ExitStack,
+    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv(graph.INTERFACE, OFFICIAL)
+    with networks.official.inside():
+        rival = race_control(parts, tmp_path, for_officials.domain)
+        assert rival.wait() == IN_THE_WAY
+    (line,) = rival.output.splitlines()
+    assert 'another race control publishes /rcs/race' in line
 
 
 @pytest.mark.parametrize(
