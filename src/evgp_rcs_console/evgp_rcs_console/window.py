@@ -251,7 +251,8 @@ class ConsoleWindow(QtWidgets.QWidget):
             self.refresh()
         warned = bool(danger.title) and self._latest.race is not None
         self.alerts.alarm.look(now, warned or bool(self.alerts.unseen))
-        self.question.look()
+        if self.question.isVisible():
+            self.question.look()
         self._late.beat(clock.now())
 
     def refresh(self) -> None:

@@ -520,7 +520,8 @@ def test_race_control_is_gone_within_a_second_unless_it_ended_without_a_doubt(
 
 def test_before_the_first_snapshot_there_is_no_sign_of_any_race() -> None:
     never = Latest(began=0.0).danger(3.0)
-    assert (never.title, never.barred) == (texts.NOT_YET, texts.NOT_YET_REASON)
+    told = never.title, never.barred, never.stale
+    assert told == (texts.NOT_YET, texts.NOT_YET_REASON, True)
     assert never.advice != texts.USE_MSR
 
 
