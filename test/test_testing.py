@@ -42,17 +42,13 @@ def test_with_chance(chance):
 """
 
 
-def run_failing(folder: pathlib.Path, *arguments: str) -> str:
-    """Run tests that fail, beside a race control and with chance; return what pytest printed."""
-    (folder / 'test_failing.py').write_text(FAILING, encoding='utf-8')
+def run_pytest(folder: pathlib.Path, *arguments: str) -> str:
+    """Run the tests of a folder, of which some fail; return what pytest printed."""
+    plugins = '-p rig.seed -p rig.own_process -p no:cacheprovider'
     done = subprocess.run(
-        [sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider', *arguments, 'test_failing.py'],
+        [sys.executable, '-m', 'pytest', *arguments],
         cwd=folder,
-        env={
-            **os.environ,
-            'PYTEST_ADDOPTS': '-p rig.seed',
-            'PYTHONPATH': os.pathsep.join(sys.path),
-        },
+        env={**os.environ, 'PYTEST_ADDOPTS': plugins, 'PYTHONPATH': os.pathsep.join(sys.path)},
         capture_output=True,
         text=True,
     )
@@ -64,12 +60,13 @@ def test_a_failure_shows_what_its_processes_printed_and_the_seed_that_gives_it_a
     tmp_path: pathlib.Path,
 ) -> None:
     """In a worker, whose report has to reach the process that prints it."""
-    printed = run_failing(tmp_path, '-n', '1')
+    (tmp_path / 'test_failing.py').write_text(FAILING, encoding='utf-8')
+    printed = run_pytest(tmp_path, '-n', '1')
     assert re.search(r'^-+ rcs_node \(\d+, runs\) -+$', printed, re.MULTILINE)
     assert re.search(r'listens for .* port \d+', printed)
     (seed,) = {*re.findall(r'--seed (\d+)', printed)}
     fell = re.findall(r'assert not (\d+)', printed)
-    again = run_failing(tmp_path, '--seed', seed, '-k', 'chance')
+    again = run_pytest(tmp_path, '--seed', seed, '-k', 'chance')
     assert re.findall(r'assert not (\d+)', again) == fell
 
 
@@ -115,21 +112,14 @@ def test_tests_of_other_modules_run_after_one_in_its_own_process(tmp_path: pathl
         'def test_that_cannot_run(): pytest.skip("for a reason")\n',
         encoding='utf-8',
     )
-    path = os.pathsep.join(sys.path)
     (tmp_path / 'test_second.py').write_text('def test_after(): ...\n', encoding='utf-8')
-    done = subprocess.run(
-        [sys.executable, '-m', 'pytest', '-rA', '-p', 'no:cacheprovider', str(tmp_path)],
-        cwd=tmp_path,
-        env={**os.environ, 'PYTEST_ADDOPTS': '-p rig.seed -p rig.own_process', 'PYTHONPATH': path},
-        capture_output=True,
-        text=True,
-    )
+    printed = run_pytest(tmp_path, '-rA')
     for outcome in (
         'PASSED test_first.py::test_plain',
         'FAILED test_first.py::test_that_fails',
         'PASSED test_second.py::test_after',
     ):
-        assert outcome in done.stdout.splitlines() or f'{outcome} - ' in done.stdout, done.stdout
-    assert 'found out' in done.stdout
-    assert ' 1 skipped' in done.stdout.splitlines()[-1]
-    assert 'for a reason' in done.stdout
+        assert outcome in printed.splitlines() or f'{outcome} - ' in printed, printed
+    assert 'found out' in printed
+    assert ' 1 skipped' in printed.splitlines()[-1]
+    assert 'for a reason' in printed
