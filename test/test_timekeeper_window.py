@@ -310,7 +310,8 @@ def test_a_lap_is_counted_by_its_kart_and_enter_and_struck_with_a_reason_and_res
     assert racing.text('said') == said
 
     racing.correct('Strike', '7')
-    assert 'Kart 7 at 0:' in racing.text('text')
+    about = r'Kart 7 at 0:\d\d\.\d: by hand, starts lap 1 \(official 1\)'
+    assert re.fullmatch(about, racing.text('text'))
     yes = racing.find('dialog').findChildren(QtWidgets.QPushButton)[0]
     assert not yes.isEnabled()
     racing.confirm('Strike passing', 'is struck out', reason='seen twice')

@@ -34,14 +34,8 @@ class Listener(RosSide):
     def __init__(self, domain: int, name: str = 'listener') -> None:
         super().__init__(name, domain)
         self.passings = self.hear(msg.Passing, '/rcs/passings', node.PASSINGS_QOS)
-        self.status: DiagnosticStatus | None = None
-        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._see, 10)
+        self._diagnostics = self.hear(DiagnosticArray, '/diagnostics')
         self.spin()
-
-    def _see(self, array: DiagnosticArray) -> None:
-        with self.news:
-            (self.status,) = array.status
-            self.news.notify_all()
 
     def wait_for_passings(self, count: int) -> list[msg.Passing]:
         """Return the first so many passings."""
@@ -50,17 +44,18 @@ class Listener(RosSide):
         )
         return self.passings[:count]
 
+    def statuses(self, level: bytes, **values: str) -> list[DiagnosticStatus]:
+        """Return the newest status if it has this level and these values."""
+        newest = [each for array in self._diagnostics[-1:] for each in array.status]
+        told = {(each.key, each.value) for status in newest for each in status.values}
+        return [each for each in newest if each.level == level and {*values.items()} <= told]
+
     def wait_for_status(self, level: bytes, **values: str) -> DiagnosticStatus:
         """Return the status once it has this level and these values."""
-
-        def found() -> DiagnosticStatus | None:
-            if self.status is None or self.status.level != level:
-                return None
-            told = {each.key: each.value for each in self.status.values}
-            return self.status if values.items() <= told.items() else None
-
-        status = self.wait_until(found, lambda: f'{level!r} {values}: {self.status}')
-        assert status is not None
+        (status,) = self.wait_until(
+            lambda: self.statuses(level, **values),
+            lambda: f'{level!r} {values}: {self._diagnostics[-1:]}',
+        )
         return status
 
 
@@ -201,11 +196,12 @@ def test_a_silent_decoder_is_told_and_connected_to_again(
     with server.accept()[0]:
         listener.wait_for_status(DiagnosticStatus.ERROR)
         with server.accept()[0] as decoder:  # by itself
-            while not (listener.status and listener.status.level == DiagnosticStatus.OK):
+
+            def is_heard() -> object:
                 decoder.sendall(P3_LIVE[0][0])
-                with contextlib.suppress(TimeoutError):
-                    decoder.settimeout(0.2)
-                    decoder.recv(1)
+                return listener.statuses(DiagnosticStatus.OK)
+
+            listener.wait_until_polled(is_heard, 'that it is heard again')
 
 
 def test_a_contact_makes_a_passing_of_nobody_known(
