@@ -136,6 +136,7 @@ def test_what_is_remembered_is_bounded() -> None:
     for each in range(2 * REMEMBERED):
         made.take(passing(each, each + 1), float(each))
     assert len(made._recent) == REMEMBERED
+    assert made.take(passing(each, each + 1), float(each)) is None  # the newest are remembered
 
 
 def test_what_cannot_be_read_is_no_sign_of_life() -> None:
