@@ -9,7 +9,18 @@ import itertools
 
 from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Mark, Passing, Status
 from evgp_node.roster import Format, Heat
-from evgp_timing.desk import Answer, Desk, Heard, Input, Passed, Roster, Terms, Told, What
+from evgp_timing.desk import (
+    Answer,
+    Desk,
+    Heard,
+    Input,
+    MOST_GIVEN,
+    Passed,
+    Roster,
+    Terms,
+    Told,
+    What,
+)
 from evgp_timing.laps import LapSettings
 from evgp_timing.passings import MAX_RATE
 from hypothesis import given
@@ -250,7 +261,7 @@ def test_a_desk_that_is_fed_again_knows_the_same_and_no_order_of_things_breaks_i
     assert len({each.passing.identity for each in by_hand}) == len(by_hand)
 
 
-def test_an_officials_passing_beyond_the_limit_is_refused_and_withdraws_no_results(
+def test_what_officials_give_beyond_a_limit_is_refused_and_withdraws_no_results(
     event: Event,
 ) -> None:
     event.start('Heat 1', 1, 2)
@@ -260,6 +271,9 @@ def test_an_officials_passing_beyond_the_limit_is_refused_and_withdraws_no_resul
     assert event.correct(Act.PUBLISH)
     assert not event.correct(Act.COUNT, 1)
     assert event.desk.standings().published
+    assert all(event.correct(Act.GIVE, 2, transponder=f'x{n}') for n in range(MOST_GIVEN))
+    assert event.correct(Act.GIVE, 1, transponder='x0')
+    assert not event.correct(Act.GIVE, 1, transponder='one more')
 
 
 def test_results_that_change_after_they_were_published_are_no_longer_official(
