@@ -344,7 +344,7 @@ class Screen:
 
     # ----- the race -----------------------------------------------------------------------
 
-    @property
+    @functools.cached_property
     def state(self) -> Cell:
         """Return the state of the race or, if no kart is sent that state, what the karts do."""
         return headline(self.snapshot)
@@ -362,7 +362,7 @@ class Screen:
             since = f'race in {STATES[race.state]} {since}'
         return since
 
-    @property
+    @functools.cached_property
     def msr(self) -> Cell:
         """Return every kart that needs the MSR, or a note that the MSR is in use."""
         race = self.snapshot
@@ -400,12 +400,12 @@ class Screen:
         within = duration(BEGINS_WITHIN, 0)
         return f'GREEN for over {within}: send RED FLAG if a kart is not driving yet' * bool(sent)
 
-    @property
+    @functools.cached_property
     def humans(self) -> Cell:
         """Return whether humans are allowed on the track."""
         return _humans(self.snapshot, self.danger)[0]
 
-    @property
+    @functools.cached_property
     def humans_reason(self) -> str:
         return _humans(self.snapshot, self.danger)[1]
 
