@@ -107,8 +107,8 @@ def attend(
     parts.callback(rclpy.try_shutdown)
     hearing = Hearing()
     # Watching needs no permission to command, and a spectators' screen has none.
-    watches = wanted.command in ('watch', 'results')
-    commands = () if watches else (COMMANDS[wanted.command],)
+    command = COMMANDS.get(wanted.command)
+    commands = () if command is None else (command,)
     try:
         client = Client('rcs_ctl', hearing, commands=commands, there='rcs_ctl' * _is_at(wanted))
     except RCLError as error:
@@ -120,8 +120,7 @@ def attend(
     if wanted.command == 'watch':
         return terminal.watch_events(alive) if wanted.events else terminal.watch(alive)
     try:
-        is_given = wanted.command != 'results'
-        told = terminal.give(ready - began) if is_given else terminal.show_results()
+        told = terminal.show_results() if command is None else terminal.give(ready - began)
     except KeyboardInterrupt:
         if hearing.given is None:
             raise
