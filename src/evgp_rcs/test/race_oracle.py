@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED
 from evgp_rcs.rules.race import Attendance, Command
 
@@ -48,27 +48,9 @@ RANK = {
 RACE_STOPS = ('ALL_KILL', 'RED_FLAG', 'RECORD_MSR')
 KART_STOPS = ('KART_RED_RED', 'KART_RED_FLAG')
 STOPS = (*RACE_STOPS, *KART_STOPS)
-RACE_COMMANDS = (
-    *RACE_STOPS,
-    'GRID_ACTIVE',
-    'GREEN_GREEN',
-    'RACE_OVER',
-    'IN_GARAGE',
-    'SET_HEAT',
-    'OPEN_TRACK',
-    'CLOSE_TRACK',
-    # What they change, test_reload.py asks; here no roster is read.
-    'READ_ROSTER',
-    'TAKE_ROSTER',
-)
-KART_COMMANDS = (
-    *KART_STOPS,
-    'KART_FINISH',
-    'KART_UNDO_FINISH',
-    'KART_IN_GARAGE',
-    'JOIN_RACE',
-    'LEAVE_RACE',
-)
+KART_COMMANDS = tuple(kind.name for kind, entry in CATALOGUE.items() if entry.to_one_kart)
+# What READ_ROSTER and TAKE_ROSTER change, test_reload.py asks; here no roster is read.
+RACE_COMMANDS = tuple(kind.name for kind in CATALOGUE if kind.name not in KART_COMMANDS)
 # Bookkeeping that is no command to karts: §4.B's "last button pressed" does not mean these.
 NO_BUTTON = (
     'KART_UNDO_FINISH',
@@ -150,6 +132,7 @@ PROPERTIES = {
     'statement': 'a command that asks for a statement is refused without it, and only then',
     'refused-changes': 'S: a refused command changes nothing and orders nothing',
     'refusal-silent': 'a refusal says which command, and names each kart that fails, up to three',
+    'told-first': 'a command is told before what comes of it',
     'cause': 'every change of the state of the race names the command, and who gave it',
     'effect': 'each input does all that docs/rules.md says, and nothing else',
     'alerts': 'each alert of docs/rules.md is raised exactly while its cause lasts',
@@ -170,6 +153,13 @@ class RuleBrokenError(AssertionError):
         assert name in PROPERTIES, name
         super().__init__(f'[{name}] {PROPERTIES[name]}: {detail}')
         self.name = name
+
+
+def _none_of(broken: dict[str, Any], *about: object) -> None:
+    """Raise the first of these properties that is broken, with what that is about."""
+    if any(broken.values()):
+        name = next(name for name, is_broken in broken.items() if is_broken)
+        raise RuleBrokenError(name, '; '.join(map(str, about)))
 
 
 class KartView(NamedTuple):
@@ -225,6 +215,7 @@ class View(NamedTuple):
     record_fails: str
     there: Attendance
     nobody_since: float | None
+    race_since: float | None
     strict: bool
     karts: tuple[KartView, ...]
 
@@ -685,6 +676,7 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
         race.state, race.msr_used, race.starters = GRID_ACTIVE, False, ()
         race.track_open, race.nobody_since = False, None
         race.number = race.grids = race.grids + 1
+        race.race_since = now
         for kart in karts:
             kart.place = kart.attempt = 0
     elif kind == 'GREEN_GREEN':
@@ -946,41 +938,32 @@ def check_input(
     if after.state is GREEN_GREEN and before.state is not GREEN_GREEN:
         known = zip(before.karts, facts.karts, strict=True)
         racing = [(kart, memory) for kart, memory in known if kart.in_race]
-        for name, is_broken in (
-            ('green-needs-grid', not facts.grid_last),
-            ('no-record', before.record_fails),
-            ('start-first', not facts.saved),
-            ('green-needs-acks', not all(m.ready and kart.connected for kart, m in racing)),
-            ('nobody-there', before.nobody_since is not None),
-            ('contested', any(kart.contested for kart, _ in racing)),
-        ):
-            if is_broken:
-                raise RuleBrokenError(name, f'{facts} {before}')
-    if is_cut_off(before, given, now) and not _is_unknown(after):
-        raise RuleBrokenError('cut-off', f'{given}: {before} became {after}')
-    if what == 'tick' and after.state in IN_MOTION and is_abandoned(before, now, race.times):
-        raise RuleBrokenError('nobody-there', f'{before} became {after}')
-    if what == 'there':
-        same = after._replace(there=before.there, nobody_since=before.nobody_since)
-        if outcome.orders or same != before:
-            raise RuleBrokenError('there-acts', f'{given}: {before} became {after}, {outcome}')
+        broken: dict[str, Any] = {
+            'green-needs-grid': not facts.grid_last,
+            'no-record': before.record_fails,
+            'start-first': not facts.saved,
+            'green-needs-acks': not all(m.ready and kart.connected for kart, m in racing),
+            'nobody-there': before.nobody_since is not None,
+            'contested': any(kart.contested for kart, _ in racing),
+        }
+        _none_of(broken, facts, before)
     if what == 'command':
         answer = outcome.answer
         if kind in STOPS and (given.statement or kind != 'RECORD_MSR') and not answer.success:
             raise RuleBrokenError('stop-refused', f'{given} in {before}: {answer}')
         opinion = judge(before, facts, kind, number)
-        broken = objection(before, facts, given, now, opinion)
-        if answer.success is bool(broken):
-            raise RuleBrokenError(broken or 'availability', f'{given} in {before}: {answer}')
+        objected = objection(before, facts, given, now, opinion)
+        if answer.success is bool(objected):
+            raise RuleBrokenError(objected or 'availability', f'{given} in {before}: {answer}')
         if not answer.success:
             paused = before.paused_until
             if kind in STOPS:
                 paused = max(paused, now + race.times.pause)
             if after != before._replace(paused_until=paused) or outcome.orders:
                 raise RuleBrokenError('refused-changes', f'{given}: {before} became {after}')
-            _check_refusal(race, before, given, opinion, answer.message, broken == 'pause')
+            _check_refusal(race, before, given, opinion, answer.message, objected == 'pause')
             return facts
-    _check_safety(before, facts, given, outcome, after, now, race.times.settle_time)
+    _check_safety(before, facts, given, outcome, after, now, race.times)
     _check_events(race, before, given, outcome, after)
     memory = learn(before, facts, given, after, now)
     if what in ('connected', 'disconnected') and not is_cut_off(before, given, now):
@@ -996,14 +979,15 @@ def check_input(
     for kart, wanted in zip(after.karts, expected.karts, strict=True):
         if kart == wanted or kart._replace(serial=wanted.serial) == wanted:
             continue
-        name = 'effect'
-        if kart.sent is not wanted.sent:
-            name = 'sent-wrong'
-        elif kart.acknowledged != wanted.acknowledged:
-            name = 'ack-deaf' if wanted.acknowledged and what == 'heard' else 'ack-old'
-        raise RuleBrokenError(name, f'{given} in {before}: {kart}, expected {wanted}')
-    if after[:-1] != expected[:-1]:
-        raise RuleBrokenError('effect', f'{given} in {before}: {after}, expected {expected}')
+        differs = kart.acknowledged != wanted.acknowledged
+        broken = {
+            'sent-wrong': kart.sent is not wanted.sent,
+            'ack-deaf': differs and wanted.acknowledged and what == 'heard',
+            'ack-old': differs,
+            'effect': True,
+        }
+        _none_of(broken, given, before, kart, 'expected', wanted)
+    _none_of({'effect': after[:-1] != expected[:-1]}, given, before, after, 'expected', expected)
     return memory
 
 
@@ -1019,38 +1003,39 @@ def _check_events(race: Any, before: View, given: Input, outcome: Any, after: Vi
     told: dict[str, list[Any]] = defaultdict(list)
     for event in outcome.events:
         told[event.kind.name].append(event)
-    changes = told['RACE_STATE']
-    if len(changes) != (after.state is not before.state) or (changes and not race.state_cause):
-        raise RuleBrokenError('cause', f'{given} in {before}: {changes}')
+    changes, results = told['RACE_STATE'], [event.text for event in told['ORDER_OF_FINISH']]
+    official = given.what == 'command' and (given.kind, OFFICIAL)
+    cause = race.state_cause
+    wrong = len(changes) != (after.state is not before.state)
     for event in changes:
         named = event.command is not None and (event.command.name, event.official)
-        by = f'{given.kind} by {OFFICIAL}' if given.what == 'command' else ''
-        if (
-            named != (given.what == 'command' and (given.kind, OFFICIAL))
-            or race.state_cause not in event.text
-            or by not in race.state_cause
-            or (OFFICIAL in race.state_cause) != bool(by)
-        ):
-            raise RuleBrokenError('cause', f'{given} in {before}: {event}, {race.state_cause}')
-    for kart in after.karts if told['ALL_ACKNOWLEDGED'] else ():
-        answered = kart.acknowledged and (_stands(kart) or not _red(kart))
-        if kart.in_race and kart.connected and not (answered or _is_covered(after, kart)):
-            raise RuleBrokenError('false-news', f'{kart} in {after}')
+        wrong |= named != official or not cause or cause not in event.text
+        wrong |= f'{given.kind} by {OFFICIAL}' not in cause if official else OFFICIAL in cause
+    answered = all(
+        (kart.acknowledged and (_stands(kart) or not _red(kart))) or _is_covered(after, kart)
+        for kart in (after.karts if told['ALL_ACKNOWLEDGED'] else ())
+        if kart.in_race and kart.connected
+    )
     # The order of FINISH comes once, with every kart that started.
-    results = [event.text for event in told['ORDER_OF_FINISH']]
     ends = given.kind in ('RACE_OVER', 'IN_GARAGE') or (after.over and not before.over)
     due = bool(before.starters) and ends
-    if len(results) != due or (due and after.starters):
-        raise RuleBrokenError('results', f'{given} in {before}: {results}, then {after}')
+    complete = len(results) == due and not (due and after.starters)
     for text in results:
         finished, _, missing = text.partition('did not finish')
-        for kart in before.karts:
-            name = f'kart {kart.number}'
-            part = f'{kart.place}. {name}' if kart.place else name
-            if kart.number in before.starters and part not in (
-                finished if kart.place else missing
-            ):
-                raise RuleBrokenError('results', f'{text} in {before}')
+        complete = complete and all(
+            f'{kart.place}. kart {kart.number}' in finished
+            if kart.place
+            else f'kart {kart.number}' in missing
+            for kart in before.karts
+            if kart.number in before.starters
+        )
+    broken: dict[str, Any] = {
+        'told-first': given.what == 'command' and outcome.events[0].kind.name != 'COMMAND',
+        'cause': wrong,
+        'false-news': not answered,
+        'results': not complete,
+    }
+    _none_of(broken, given, before, after, cause, outcome.events)
 
 
 def _check_safety(
@@ -1060,128 +1045,106 @@ def _check_safety(
     outcome: Any,
     after: View,
     now: float,
-    settle: float,
+    times: Any,
 ) -> None:
     """Check the S rules that need no expectation of the effect."""
     what, kind, number = given.what, given.kind, given.kart
-    if after.track_open and after.state in IN_MOTION:
-        raise RuleBrokenError('track-open-in-motion', f'{given}: {before} became {after}')
-    if (
-        kind in STOPS
+    least = RED_FLAG if kind == 'RED_FLAG' else RED_RED
+
+    def acts(**apart: Any) -> bool:
+        return bool(outcome.orders) or after._replace(**apart) != before
+
+    broken: dict[str, Any] = {
+        'cut-off': is_cut_off(before, given, now) and not _is_unknown(after),
+        'nobody-there': what == 'tick'
+        and after.state in IN_MOTION
+        and is_abandoned(before, now, times),
+        'there-acts': what == 'there'
+        and acts(there=before.there, nobody_since=before.nobody_since),
+        'track-open-in-motion': after.track_open and after.state in IN_MOTION,
+        'stop-idempotent': kind in STOPS
         and _in_force(before, kind, number)
-        and (outcome.orders or after._replace(paused_until=before.paused_until) != before)
-    ):
-        raise RuleBrokenError('stop-idempotent', f'{given}: {before} became {after}')
+        and acts(paused_until=before.paused_until),
+        'stop-at-once': kind in RACE_STOPS and RANK[after.state] < RANK[least],
+    }
+    _none_of(broken, given, before, after)
     ordered: dict[int, Any] = {}
     for order in outcome.orders:
-        earlier = ordered.get(order.kart)
+        earlier = ordered.setdefault(order.kart, order)
         # A finish and the end of the race may fall due together: then the last order counts.
-        if earlier is not None and (
-            what != 'tick'
-            or order.serial <= earlier.serial
-            or RANK[order.state] <= RANK[earlier.state]
-        ):
+        stricter = order.serial > earlier.serial and RANK[order.state] > RANK[earlier.state]
+        if earlier is not order and not (what == 'tick' and stricter):
             raise RuleBrokenError('order-wrong', f'two orders to one kart: {outcome.orders}')
         ordered[order.kart] = order
     for old, kart, known in zip(before.karts, after.karts, facts.karts, strict=True):
-        this = number == kart.number
+        this, order = number == kart.number, ordered.get(kart.number)
+        if kart == old and not (this or order or kind in RACE_STOPS):
+            continue
         was, sent = old.sent, kart.sent
-        looser = sent is not was and RANK[sent] < RANK[was]
-        if looser and kind in STOPS:
-            raise RuleBrokenError('stop-loosens', f'{given}: {old} became {kart}')
-        if looser and (was is RED_FLAG or was is RED_RED):
-            if kind in ('JOIN_RACE', 'LEAVE_RACE', 'SET_HEAT'):
-                raise RuleBrokenError('membership-loosens', f'{given}: {old} became {kart}')
-            if not (kind == 'IN_GARAGE' or (kind == 'KART_IN_GARAGE' and this)):
-                raise RuleBrokenError('red-loosened', f'{given}: {old} became {kart}')
-        if sent is GREEN_GREEN and was is not GREEN_GREEN and kind != 'GREEN_GREEN':
-            raise RuleBrokenError('green-only-by-command', f'{given}: {old} became {kart}')
-        if old.flag_at is not None and kart.flag_at != old.flag_at:
-            sooner = kart.flag_at is not None and kart.flag_at < old.flag_at
-            flagged = what == 'tick' and kart.flag_at is None and _red(kart)
-            taken_back = kind == 'KART_UNDO_FINISH' and this and kart.flag_at is None
-            released = kind == 'IN_GARAGE' or (kind == 'KART_IN_GARAGE' and this) or taken_back
-            if not (sooner or flagged or released):
-                raise RuleBrokenError('finish-put-off', f'{given}: {old} became {kart}')
-        if kart.hold is not old.hold:
-            falls = kart.hold is None or (
-                old.hold is not None and RANK[kart.hold] < RANK[old.hold]
+        looser, was_red = RANK[sent] < RANK[was], _red(old)
+        anew, drops = this and what == 'connected', this and what in ('connected', 'disconnected')
+        heard = this and what == 'heard' and old.connected
+        answers = heard and given.state is was and given.serial == old.serial
+        unasked = heard and given.state is not was
+        by_hand = this and kind == 'KART_IN_GARAGE'
+        home = kind == 'IN_GARAGE'
+        undone = this and kind == 'KART_UNDO_FINISH'
+        held = kart.hold is sent is RED_RED
+        falls = old.hold and (kart.hold is None or RANK[kart.hold] < RANK[old.hold])
+        goes_home = (old.connected and _stands(old)) or _is_away(old) or _is_covered(before, old)
+        flag, flag_now = old.flag_at, kart.flag_at
+        flagged = home or by_hand or undone or (what == 'tick' and _red(kart))
+        seen = unasked and (given.state is GREEN_GREEN or (old.acknowledged and was_red))
+        told = order and (order.state is GREEN_GREEN or order.state in REDS)
+        gridded = order and order.state is GRID_ACTIVE
+        sent_home = order and order.state is IN_GARAGE and not old.moving
+        may_stand = was_red and (
+            answers or (what == 'tick' and old.acknowledged and old.connected)
+        )
+        stood = known.stood if what != 'heard' else known.stood or now
+        acknowledges = kart.acknowledged and not old.acknowledged
+        broken = {
+            'stop-loosens': looser and kind in STOPS,
+            'membership-loosens': looser
+            and was_red
+            and kind in ('JOIN_RACE', 'LEAVE_RACE', 'SET_HEAT'),
+            'red-loosened': looser and was_red and not (home or by_hand),
+            'green-only-by-command': sent is GREEN_GREEN is not was and kind != 'GREEN_GREEN',
+            'finish-put-off': flag is not None
+            and (not flagged if flag_now is None else flag_now > flag),
+            'alone-released': falls and home and old.held_alone and not old.in_race,
+            'hold-forgotten': falls and not (by_hand or (home and goes_home)),
+            'drop-not-held': drops
+            and old.connected
+            and not held
+            and (old.moving or (old.in_race and before.state in UNDER_WAY)),
+            'rival': looser and before.has_rival,
+            'cut-off': looser and before.cut_off_by,
+            'ack-stale': unasked and old.acknowledged and kart.acknowledged,
+            'doubt-unnoticed': (gridded and not kart.doubt)
+            or (not kart.moving and (seen or (told and not _is_covered(after, old)))),
+            'doubt-forgotten': kart.doubt < old.doubt and not (may_stand or by_hand or sent_home),
+            'settle': old.moving
+            and not (kart.doubt or by_hand)
+            and (stood is None or now < stood + times.settle_time),
+            'order-wrong': bool(order) != (kart.connected and (anew or sent is not was))
+            or (order and (order.state is not sent or order.serial != kart.serial)),
+            'order-serial': kart.serial < old.serial
+            or (kart.connected and bool(order) is (kart.serial == old.serial)),
+            'ack-survives': kart.acknowledged
+            and (anew or sent is not was or order or not kart.connected),
+            'ack-from-nothing': acknowledges and not (this and what == 'heard'),
+            'ack-old': acknowledges and not answers,
+            'stop-at-once': (
+                not held
+                and (kind in ('ALL_KILL', 'RECORD_MSR') or (kind == 'KART_RED_RED' and this))
             )
-            answered = kind == 'IN_GARAGE' and (
-                (old.connected and _stands(old)) or _is_away(old) or _is_covered(before, old)
-            )
-            if falls and kind == 'IN_GARAGE' and old.held_alone and not old.in_race:
-                raise RuleBrokenError('alone-released', f'{given}: {old} became {kart}')
-            if falls and not (answered or (kind == 'KART_IN_GARAGE' and this)):
-                raise RuleBrokenError('hold-forgotten', f'{given}: {old} became {kart}')
-        drops = this and old.connected and what in ('connected', 'disconnected')
-        held = kart.hold is RED_RED and sent is RED_RED
-        if drops and not held and (old.moving or (old.in_race and before.state in UNDER_WAY)):
-            raise RuleBrokenError('drop-not-held', f'{given} in {before.state}: {kart}')
-        if (before.has_rival or before.cut_off_by) and looser:
-            name = 'rival' if before.has_rival else 'cut-off'
-            raise RuleBrokenError(name, f'{given}: {old} became {kart}')
-        _check_doubt(after, old, given, ordered.get(kart.number), kart)
-        stood = known.stood if given.what != 'heard' else known.stood or now
-        if (
-            old.moving
-            and not kart.doubt
-            and kind != 'KART_IN_GARAGE'
-            and (stood is None or now < stood + settle)
-        ):
-            raise RuleBrokenError('settle', f'{given}: {old} became {kart}')
-        # Orders, serials, acknowledgements.
-        order = ordered.get(kart.number)
-        anew = what == 'connected' and this
-        if (order is not None) != (kart.connected and (anew or sent is not was)):
-            raise RuleBrokenError('order-wrong', f'{given}: {old} became {kart} with {order}')
-        if order is not None and (order.state is not sent or order.serial != kart.serial):
-            raise RuleBrokenError('order-wrong', f'{given}: {kart} but {order}')
-        rises = kart.serial > old.serial
-        if kart.serial < old.serial or (kart.connected and rises is (order is None)):
-            raise RuleBrokenError('order-serial', f'{given}: {old} became {kart} with {order}')
-        if kart.acknowledged:
-            if anew or sent is not was or not kart.connected or order is not None:
-                raise RuleBrokenError('ack-survives', f'{given}: {old} became {kart}')
-            if not old.acknowledged:
-                if what != 'heard' or not this:
-                    raise RuleBrokenError('ack-from-nothing', f'{given}: {old} became {kart}')
-                if given.state is not was or given.serial != old.serial or not old.connected:
-                    raise RuleBrokenError('ack-old', f'{given}: {old} became {kart}')
-        # Stops are in force at once.
-        stopped = kind in ('ALL_KILL', 'RECORD_MSR') or (kind == 'KART_RED_RED' and this)
-        if stopped and not held:
-            raise RuleBrokenError('stop-at-once', f'{given}: {kart}')
-        flagged = (kind == 'RED_FLAG' and kart.in_race) or (kind == 'KART_RED_FLAG' and this)
-        if flagged and not (sent is RED_FLAG or sent is RED_RED):
-            raise RuleBrokenError('stop-at-once', f'{given}: {kart}')
-    if (
-        kind in RACE_STOPS
-        and RANK[after.state] < RANK[RED_FLAG if kind == 'RED_FLAG' else RED_RED]
-    ):
-        raise RuleBrokenError('stop-at-once', f'{given}: the race is in {after.state}')
-
-
-def _check_doubt(after: View, old: KartView, given: Input, order: Any, kart: KartView) -> None:
-    """Check that whatever makes a kart doubtful is noticed, and what ends that is enough."""
-    heard = given.what == 'heard' and given.kart == kart.number and old.connected
-    unasked = heard and given.state is not old.sent
-    if unasked and old.acknowledged and kart.acknowledged:
-        raise RuleBrokenError('ack-stale', f'{given}: {old} became {kart}')
-    seen = unasked and (given.state is GREEN_GREEN or (old.acknowledged and _red(old)))
-    told = order is not None and (order.state is GREEN_GREEN or order.state in REDS)
-    told = told and not _is_covered(after, old)
-    gridded = order is not None and order.state is GRID_ACTIVE
-    if (not kart.moving and (seen or told)) or (not kart.doubt and gridded):
-        raise RuleBrokenError('doubt-unnoticed', f'{given}: {old} became {kart}')
-    answers = heard and given.state is old.sent and given.serial == old.serial
-    stands = _red(old) and (
-        answers or (given.what == 'tick' and old.acknowledged and old.connected)
-    )
-    by_hand = given.kind == 'KART_IN_GARAGE' and given.kart == kart.number
-    sent_home = order is not None and order.state is IN_GARAGE and not old.moving
-    if kart.doubt < old.doubt and not (stands or by_hand or sent_home):
-        raise RuleBrokenError('doubt-forgotten', f'{given}: {old} became {kart}')
+            or (
+                not _red(kart)
+                and ((kind == 'RED_FLAG' and kart.in_race) or (kind == 'KART_RED_FLAG' and this))
+            ),
+        }
+        _none_of(broken, given, old, kart, order)
 
 
 MSR_ALERTS = ('FLAG_UNACKNOWLEDGED', 'RED_UNACKNOWLEDGED', 'LOST_IN_MOTION', 'TRACK_UNSAFE')
@@ -1317,48 +1280,37 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
     access = race.track_access()
     allowed, unsafe = _humans_allowed(view)
     allowed = allowed and (view.msr_used or not view.unstated)
-    if (access.open, access.allowed, access.msr_used, access.opening) != (
-        view.track_open,
-        allowed,
-        view.msr_used,
-        view.opening,
-    ):
-        raise RuleBrokenError('track-access', f'{access} in {view}')
     settled_by = None
     if not allowed and not unsafe and view.state not in IN_MOTION:
         settled_by = 'IN_GARAGE' if view.past_unknown else 'OPEN_TRACK'
-    if settled_by != (access.settled_by and access.settled_by.name):
-        raise RuleBrokenError('track-access', f'{access} in {view}')
-    if not access.reason or any(str(race.karts[n]) not in access.reason for n in unsafe[:3]):
-        raise RuleBrokenError('track-access', f'{access} in {view}')
-    if facts.heat is not None and race.heat != _heat_in_race(view, facts):
-        raise RuleBrokenError('heat', f'{race.heat!r} in {view}, after {facts.heat!r}')
+    wanted = view.track_open, allowed, view.msr_used, view.opening, settled_by
+    told_by = access.settled_by and access.settled_by.name
     told = race.alerts(now)
     alerts = {(alert.kind.name, alert.kart) for alert in told}
-    expected = expect_alerts(view, now, race.times)
-    if alerts != expected:
-        raise RuleBrokenError('alerts', f'{alerts}, expected {expected} in {view}')
-    for alert in told:
-        urgent = alert.kind.name in MSR_ALERTS
-        if alert.kind.name == 'TRACK_UNSAFE':
-            # Where nobody has seen any kart move, to clear the track is enough.
-            urgent = any(kart.doubt for kart in view.karts)
-        if alert.use_msr != (urgent and not view.msr_used):
-            raise RuleBrokenError('use-msr', f'{alert} in {view}')
-        if not alert.text:
-            raise RuleBrokenError('alerts', f'{alert} has no text')
+    # Where nobody has seen any kart move, to clear the track is enough.
+    harmless = not any(kart.doubt for kart in view.karts) and 'TRACK_UNSAFE'
+    for_msr = [kind for kind in MSR_ALERTS if kind != harmless and not view.msr_used]
+    memory_is_wrong = False
     if view.state is GRID_ACTIVE:
-        memory = race.memory()
+        memory, at_end = race.memory(), race.memory(ended=True).karts
         gridded = (kart.number for kart in view.karts if kart.in_race and kart.doubt)
-        at_end = race.memory(ended=True).karts
-        if (
+        memory_is_wrong = (
             memory.at_rest
             or any(memory.karts[each].doubt != MOVING for each in gridded)
             or any(at_end[kart.number].doubt != kart.doubt for kart in view.karts)
-        ):
-            raise RuleBrokenError('start-memory', f'{memory} in {view}')
-    if look(race) != view:
-        raise RuleBrokenError('alerts-act', f'{view} became {look(race)} by looking')
+        )
+    broken: dict[str, Any] = {
+        'track-access': (access.open, access.allowed, access.msr_used, access.opening, told_by)
+        != wanted
+        or not access.reason
+        or any(str(race.karts[number]) not in access.reason for number in unsafe[:3]),
+        'heat': facts.heat is not None and race.heat != _heat_in_race(view, facts),
+        'alerts': alerts != expect_alerts(view, now, race.times) or not all(a.text for a in told),
+        'use-msr': any(a.use_msr != (a.kind.name in for_msr) for a in told),
+        'start-memory': memory_is_wrong,
+        'alerts-act': look(race) != view,
+    }
+    _none_of(broken, view, facts, access, race.heat, told)
 
 
 def check_announced(
@@ -1370,13 +1322,14 @@ def check_announced(
     paused = opinion.allowed and is_paused(view, kind, now)
     if paused:
         opinion = opinion._replace(allowed=False)
+    allowed = opinion.allowed
     if told.available_from != (view.paused_until if paused else None):
         raise RuleBrokenError('available-from', f'{told} in {view}')
-    if told.available != opinion.allowed or told.command.name != kind:
+    if told.available != allowed or told.command.name != kind:
         raise RuleBrokenError('availability', f'{told}, expected {opinion} in {view}')
-    if told.available and bool(told.statement) != opinion.needs_statement:
+    if allowed and bool(told.statement) != opinion.needs_statement:
         raise RuleBrokenError('statement', f'{told}, expected {opinion} in {view}')
-    if told.karts != (opinion.karts if opinion.allowed else ()):
+    if told.karts != (opinion.karts if allowed else ()):
         raise RuleBrokenError('as-seen', f'{told}, expected {opinion} in {view}')
     return opinion
 
@@ -1486,7 +1439,7 @@ class Search:
     :param then: what happens before the search begins; each tick takes 1 s.
     :param uninspected: the karts whose inspection the roster does not have.
     :param without: commands that are not given.
-    :param heats: which heat is in the race is looked at.
+    :param heats: which heat is in the race is looked at; two have all karts.
     :param waits: the disk takes its time, commands come before they are judged, and race control
         is held up. If not, everything is on the disk at once, and there is no pause.
     """
@@ -1537,7 +1490,7 @@ class Search:
             rules.Heat(f'heat {chosen}', chosen)
             for size in range(1, len(karts) + 1)
             for chosen in itertools.combinations(self.numbers, size)
-        ]
+        ] + [rules.Heat('the same karts', (*self.numbers,))] * self.heats
         self.race = rules.Race(karts, self.times, heats=of_roster, run=RUN)
         self.commands = [(kind, 0) for kind in RACE_COMMANDS if kind not in self.without]
         for kind in KART_COMMANDS:
@@ -1660,9 +1613,6 @@ class Search:
         if not self.heats:
             facts = facts._replace(heat=None)
         way = []
-        if self.heats:
-            chosen = tuple(n for n in self.numbers if self.race.karts[n].in_race)
-            way.append(Input('command', 'SET_HEAT', heat=f'heat {chosen}'))
         if self.begin in ('grid', 'green'):
             way += [Input('connected', '', number) for number in self.numbers]
             way.append(Input('command', 'GRID_ACTIVE', 0, True))

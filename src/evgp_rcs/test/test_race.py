@@ -178,16 +178,6 @@ def test_a_race_from_garage_to_garage(officials: Officials) -> None:
     officials.does('GRID_ACTIVE')
 
 
-def test_the_command_stands_in_the_record_before_what_came_of_it(officials: Officials) -> None:
-    outcome = officials.does('GRID_ACTIVE')
-    assert kinds(outcome) == [
-        EventKind.COMMAND,
-        EventKind.RACE_STATE,
-        EventKind.KART_STATE,
-        EventKind.KART_STATE,
-    ]
-
-
 def test_a_kart_says_in_garage_and_is_not_said_to_acknowledge_it(officials: Officials) -> None:
     (told,) = officials.says(1, IN_GARAGE).events
     assert told.text == 'Kart 1 (Ohm) reports IN_GARAGE'
@@ -508,36 +498,9 @@ def test_a_refusal_says_what_must_be_stated(
     officials.does(kind, kart)
 
 
-@pytest.mark.parametrize(
-    ('heats', 'in_race', 'heat'),
-    [
-        (HEATS, (1, 2), 'Heat 1'),
-        (HEATS, (1,), ''),
-        (HEATS, (1, 3), ''),
-        ((*HEATS, Heat('Heat 1 again', (1, 2))), (1, 2), ''),  # nobody knows which
-    ],
-)
-def test_the_race_begins_with_the_heat_that_alone_has_its_karts(
-    heats: tuple[Heat, ...], in_race: tuple[int, ...], heat: str
-) -> None:
-    karts = [Kart(number, in_race=number in in_race) for number in TEAMS]
-    assert Race(karts, heats=heats).heat == heat
-
-
-def test_the_heat_in_the_race_outlives_a_crash_before_grid_active(officials: Officials) -> None:
-    officials.does('SET_HEAT', heat='Final')
-    assert begun(LastRun.UNKNOWN, officials.race.memory()).race.heat == 'Final'
-
-
 def test_the_last_delay_serves_all_further_places() -> None:
     times = RaceTimes(finish_delays=(3.0, 1.0))
     assert [times.finish_delay(place) for place in (1, 2, 3, 40)] == [3.0, 1.0, 1.0, 1.0]
-
-
-def test_when_the_flag_of_a_finish_is_sent_is_shown(officials: Officials) -> None:
-    officials.to_green().does('KART_FINISH', 1)
-    shown = [kart.flag_at for kart in snapshot_of(officials.race, officials.now).karts]
-    assert shown == [officials.now + NO_PAUSE.finish_delay(1), None, None]
 
 
 def test_officials_are_told_once_when_every_kart_has_acknowledged(officials: Officials) -> None:
@@ -844,14 +807,3 @@ def test_a_stop_that_was_pressed_long_ago_says_so_wherever_it_is_named(
     cause = officials.race.karts[1].hold_reason if kart else officials.race.state_cause
     by = 'RED_RED' if kind is CommandKind.KART_RED_RED else 'RED_FLAG' if kart else kind.value
     assert cause == (f'{by} by Anna, {said}' if said else f'{by} by Anna')
-
-
-def test_when_the_race_began_is_when_grid_active_was_accepted_last(officials: Officials) -> None:
-    race = officials.race
-    assert race.race_since is None
-    officials.to_green()
-    since = race.race_since
-    assert since is not None
-    officials.wait(1.0)
-    officials.does('ALL_KILL')
-    assert race.race_since == since

@@ -84,6 +84,7 @@ WORLDS = {
     'two on the grid': world(100, 2, 0, 'grid'),
     'two': world(150, 2, 0),
     'heats': world(60, 1, 1, heats=True),
+    'heats alike': world(5, 2, 0, heats=True),
     'an undone finish': world(20, 1, 0, 'green', then=UNDONE_AND_HOME, times=AT_ONCE),
     'two heats': world(60, 1, 1, 'green', heats=True),
     'people on the grid': world(100, 1, 0, 'grid', people=True, then=(ANNA,), times=AT_ONCE),
@@ -494,6 +495,7 @@ a poor link stops the kart: effect, sent-wrong [around] measured: instead of lin
     self._hold(kart, RED_RED, 'poor link', now)
 an order that has arrived counts as acknowledged: ack-from-nothing, effect [around] delivered:
     after max: kart.acknowledged = True
+a command is told after what comes of it: told-first command: skips insert
 a change of state does not say what caused it: cause _go: without _cause
 a change of state does not say who gave the command: cause _add_event: _by official => ''
 the cause does not name the official: cause _cause: _by if => ''
@@ -529,6 +531,9 @@ a FINISH counts as somebody who is there: effect [people in green] _kart_finish:
     flag_at: self.nobody_since = None
 a heat stays in the race with karts of another one: heat [heats] heat: without karts racing
 a heat stays in the race without any kart: heat [heats] heat: inside racing => inside
+of two heats with the karts of the race, the first is in it: heat [heats alike] __init__: len alike
+    => bool(alike)
+the race did not begin when GRID_ACTIVE was accepted: effect _grid_active: skips race_since
 a race that nobody can stop goes on: nobody-there, effect [people in green] tick: skips IN_CONTACT
     _go
 the grid stays when nobody can stop it any more: nobody-there, effect, alerts [people on the grid]
