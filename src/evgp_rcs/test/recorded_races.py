@@ -50,7 +50,7 @@ BEGAN = 1_780_135_500_000_000_000
 """When each of these runs begins, ns since the epoch: an afternoon in May 2026."""
 
 
-def as_seen(race: Race, kind: CommandKind, kart: int, now: float, **fields: Any) -> Command:
+def as_seen(race: Race, kind: CommandKind, kart: int, now: float, /, **fields: Any) -> Command:
     """
     Return a command of an official who sees the race as it is, and states what it takes.
 
@@ -78,7 +78,7 @@ class PaperRace:
     ) -> None:
         karts = tuple(Entrant(number, team, True) for number, team in teams.items())
         self.setup = setup or Setup(karts, RaceTimes(), tuple(heats), 100.0)
-        self.race = self.setup.race()
+        self.race = self.setup.race(secrets.token_hex(8))
         self.now = self.setup.now
         self.wall_offset_ns = BEGAN - round(self.now * 1e9)
         self.stamped: list[StampedEvent] = []
@@ -183,7 +183,7 @@ class PaperRace:
     def write(self, path: pathlib.Path, version: str | None = None) -> pathlib.Path:
         """Write what happened as a run into a record."""
         self.batches.append(self.log.take())
-        record = Record(path, secrets.token_hex(8))
+        record = Record(path, self.race.run)
         version = rules_version() if version is None else version
         record.put(Batch(0, [Rules(version, self.setup)]))
         for batch in (each for each in self.batches if each.entries):
@@ -195,7 +195,7 @@ class PaperRace:
     def stream(self) -> list[Entry]:
         """Return what a record has of it, up to now."""
         self.batches.append(self.log.take())
-        first = Began('1234', BEGAN), Rules(rules_version(), self.setup)
+        first = Began(self.race.run, BEGAN), Rules(rules_version(), self.setup)
         return [*first, *(entry for batch in self.batches for entry in batch.entries)]
 
     def account(self) -> Account:
@@ -350,8 +350,10 @@ class Running(PaperRace):
 
 def kept(entries: Sequence[Entry]) -> Kept:
     """Return a run with these entries, as it is read from a record."""
+    began = entries[0]
+    assert isinstance(began, Began)
     block = Block(0, b''.join(map(encode, entries))).compressed()
-    return Kept(Session(1, BEGAN, None, 0, BEGAN, '1234'), [(1, block)])
+    return Kept(Session(1, BEGAN, None, 0, BEGAN, began.run), [(1, block)])
 
 
 def named(event: Happened | None) -> str:

@@ -57,10 +57,10 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
     :raises BaseException: the failure that ended the kart server.
     """
     loop = asyncio.get_running_loop()
-    setup = Setup(begin.roster.karts, begin.times, begin.roster.heats, loop.time(), begin.run)
+    setup = Setup(begin.roster.karts, begin.times, begin.roster.heats, loop.time())
     record.attach(loop)
     record.put(Batch(0, [Rules(rules_version(), setup)]))
-    race = setup.race()
+    race = setup.race(begin.run)
     server = KartServer(race, begin.settings, ros_half, record)
     left_behind = Recovered(
         loop.time(),

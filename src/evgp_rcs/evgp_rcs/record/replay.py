@@ -174,7 +174,7 @@ class Replay:
         if isinstance(entry, Gap):
             self._stop_at(entry)
         elif isinstance(entry, Rules) and self.rules is None and not self.missing:
-            self.rules, self._race = entry, entry.setup.race()
+            self.rules, self._race = entry, entry.setup.race(self.kept.run.id)
         elif self._race is None:
             return None
         elif isinstance(entry, Rules | Began):

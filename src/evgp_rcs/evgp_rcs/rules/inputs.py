@@ -50,19 +50,17 @@ class Setup:
     The setup of the rules.
 
     :param now: time of the setup, in seconds by the rules' clock.
-    :param run: id of this run, as in ``Began``.
     """
 
     karts: tuple[Entrant, ...]
     times: RaceTimes
     heats: tuple[Heat, ...]
     now: float
-    run: str = ''
 
-    def race(self) -> Race:
-        """Return a new race."""
+    def race(self, run: str) -> Race:
+        """Return a new race in the run with this id (``Began``)."""
         karts = [Kart(*each) for each in self.karts]
-        return Race(karts, self.times, self.now, self.heats, self.run)
+        return Race(karts, self.times, self.now, self.heats, run)
 
 
 class Rules(NamedTuple):
