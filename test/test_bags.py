@@ -138,7 +138,7 @@ def test_a_bag_has_all_that_was_published_at_its_times_although_the_clock_was_se
 
     edit(race, set_back)
     with open_runs(race) as runs:
-        began = runs.choose(None).began_ns
+        run = runs.choose(None)
     first, *_ = recorded = events_of(race)
     zero = first.wall_ns, first.monotonic
     times = [zero[0] + round((each.monotonic - zero[1]) * 1e9) for each in recorded]
@@ -153,6 +153,8 @@ def test_a_bag_has_all_that_was_published_at_its_times_although_the_clock_was_se
         (at, each.sequence, each.event.text, each.wall_ns)
         for at, each in zip(times, recorded, strict=True)
     ]
+    for topic in ('/rcs/events', '/rcs/race'):
+        assert {message.run for _, message in found[topic]} == {run.id}
     states = [message.state.state for _, message in found['/rcs/race']]
     assert [state for state, _ in itertools.groupby(states)] == [
         msg.RaceState.IN_GARAGE,
@@ -164,7 +166,7 @@ def test_a_bag_has_all_that_was_published_at_its_times_although_the_clock_was_se
         at = [at for at, _ in messages]
         assert at == sorted(at)
         # At the times at which it was published, not at those at which the bag was made.
-        assert began <= at[0]
+        assert run.began_ns <= at[0]
         assert at[-1] <= times[-1] + 10**9
 
 

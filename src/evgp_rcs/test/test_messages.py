@@ -104,7 +104,7 @@ def test_a_value_comes_out_of_its_message_as_it_was_put_in(
 @given(any_of(StampedEvent, EXACT).filter(lambda each: each.event.grade is not Grade.UNKNOWN))
 @settings(max_examples=30)
 def test_an_event_comes_out_of_its_message_as_it_was_put_in(stamped: StampedEvent) -> None:
-    (message,) = events_message([stamped]).events
+    (message,) = events_message([stamped], '').events
     inner = stamped.event._replace(chatter=False)
     assert event_of(message) == stamped._replace(event=inner)
 

@@ -14,14 +14,7 @@ from typing import Any
 
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.replay import Replay
-from evgp_rcs.record.runs import (
-    FAILED,
-    Kept,
-    open_runs,
-    PARTLY,
-    say,
-    UNREADABLE,
-)
+from evgp_rcs.record.runs import FAILED, open_runs, PARTLY, say, UNREADABLE
 from evgp_rcs.rules.inputs import Shown
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs.rules.snapshot import snapshot_of
@@ -64,10 +57,9 @@ def main(wanted: argparse.Namespace) -> int:
         )
         return UNREADABLE
     with open_runs(wanted.file) as runs:
-        kept = runs.read(runs.choose(wanted.run))
-    replay = Replay(kept)
+        replay = Replay(runs.read(runs.choose(wanted.run)))
     try:
-        written = write_bag(wanted.out, _messages(kept, replay))
+        written = write_bag(wanted.out, _messages(replay))
     except OSError as error:
         say(f'{wanted.out} cannot be written: {error.strerror}')
         return FAILED
@@ -82,7 +74,7 @@ Message = tuple[str, int, Any]
 """A topic, the message's time in the bag (in ns since the epoch), and the message."""
 
 
-def _messages(kept: Kept, replay: Replay) -> Iterator[Message]:
+def _messages(replay: Replay) -> Iterator[Message]:
     """
     Yield a run as messages, including the race as far as the rules can replay it.
 
@@ -93,20 +85,21 @@ def _messages(kept: Kept, replay: Replay) -> Iterator[Message]:
     from evgp_rcs.ros.messages import diagnostics_message, events_message
     from evgp_rcs_msgs import msg
 
-    first = next((each for each in kept.events() if isinstance(each, StampedEvent)), None)
+    first = next((each for each in replay.kept.events() if isinstance(each, StampedEvent)), None)
     if first is None:
         return
-    last, told = first, -math.inf
+    last, diagnosed = first, -math.inf
     for step in replay.steps():
         for last in step.events:
-            yield f'/{NODE}/events', _wall_ns(last.monotonic, first), events_message([last])
+            told = events_message([last], replay.kept.run.id)
+            yield f'/{NODE}/events', _wall_ns(last.monotonic, first), told
         if step.race is not None and isinstance(step.entry, Shown):
             race, at = snapshot_of(step.race, step.entry.at), step.entry.at
             # Someone may have set the wall clock since the first event, but hardly since the last.
             in_bag, wall_ns = _wall_ns(at, first), _wall_ns(at, last)
             yield f'/{NODE}/race', in_bag, message_of(race, msg.Race, wall_ns - round(at * NS))
-            if at - told >= DIAGNOSTICS_EVERY:
-                told = at
+            if at - diagnosed >= DIAGNOSTICS_EVERY:
+                diagnosed = at
                 yield '/diagnostics', in_bag, diagnostics_message(race, wall_ns, NODE)
 
 

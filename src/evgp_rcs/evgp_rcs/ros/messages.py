@@ -26,7 +26,7 @@ ERRORS = (AlertKind.RECORD_FAILING, AlertKind.TWO_RACE_CONTROLS, AlertKind.NOBOD
 # ----- conversions that are not field by field ------------------------------------------------
 
 
-def events_message(events: Iterable[StampedEvent], run: str = '') -> msg.RaceEvents:
+def events_message(events: Iterable[StampedEvent], run: str) -> msg.RaceEvents:
     """Return events as a message of the run with this id."""
     return msg.RaceEvents(run=run, events=list(map(_event, events)))
 
