@@ -340,6 +340,14 @@ def test_a_wrong_use_is_told_and_nothing_begins(words: list[str], tmp_path: path
     assert not list(tmp_path.iterdir())
 
 
+def test_a_list_that_nobody_reads_to_its_end_ends_without_a_traceback() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with open(writer) as gone:  # noqa: PTH123 - to close it
+        done = subprocess.run([*INSPECT, '--list'], stdout=gone, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (0, '')
+
+
 @pytest.mark.parametrize(
     ('target', 'right', 'wrong'),
     [('inspect-kart', '--list', '--only K-9'), ('survey', '--version', '--silence -1')],

@@ -28,7 +28,7 @@ from evgp_inspection.kart_script import Kill, KILL_PART, KILLING_STEPS, RACE_STE
 from evgp_inspection.kart_sentences import BY_STATEMENT, KART
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import listen
-from evgp_inspection.report import as_html, as_json, deliver
+from evgp_inspection.report import as_html, as_json, deliver, show
 from evgp_inspection.survey_network import survey_network
 from evgp_inspection.verdicts import Clause, Inspection, judged, select, Verdict
 
@@ -93,7 +93,7 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
         parser.error(str(error))
     if options.list:
         done = {name: step.done for name, step in STEPS.items()}
-        print('\n\n'.join(each.explain(done) for each in clauses))
+        show('\n\n'.join(each.explain(done) for each in clauses))
         return Verdict.PASS.exit_code
     if options.unattended and options.word != WORD:
         parser.error(

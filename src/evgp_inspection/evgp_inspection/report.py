@@ -81,7 +81,7 @@ def deliver(
     text: str, folder: str, name: str, began: datetime.datetime, files: Mapping[str, str]
 ) -> None:
     """
-    Write the files of a report, then print a text, which may fail because the terminal is gone.
+    Write the files of a report, then print a text.
 
     :param folder: the folder for the files; if empty, none is written.
     :param files: the endings of the files, with their texts.
@@ -95,6 +95,11 @@ def deliver(
             lines.append(f'written: {path}')
     except OSError as error:
         lines.append(f'The report cannot be written: {error}')
+    show(*lines)
+
+
+def show(*lines: str) -> None:
+    """Print lines, even if the terminal is gone or nobody reads them."""
     try:
         print(*lines, sep='\n', flush=True)
     except OSError:
