@@ -16,7 +16,6 @@ import os
 import pathlib
 import re
 import shutil
-import socket
 import subprocess
 import sys
 import time
@@ -24,7 +23,7 @@ from typing import Any
 
 from evgp_inspection.traces import Kind
 from evgp_testing.base import SimulatedBase
-from evgp_testing.domains import Domain
+from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.kart import Bridge
 from evgp_testing.part import PATIENCE
@@ -157,12 +156,6 @@ def c_kit(port: int, folder: pathlib.Path) -> list[str]:
     return [str(program), '127.0.0.1', f'{port}', address_of(1)]
 
 
-def free_udp_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
-        found.bind(('127.0.0.1', 0))
-        return int(found.getsockname()[1])
-
-
 UDP = ['--odometry', 'udp:{udp}']
 ROS = ['--odometry', 'ros:/odom']
 ROS += ['--kill-bridge', "kill -9 $(cat '{folder}/bridge')"]
@@ -199,7 +192,7 @@ def test_a_good_kart_with_or_without_ros_passes_every_clause_but_that_nobody_kil
     def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
         for _ in range(busy):
             parts.callback(Program('busy', [sys.executable, '-c', 'while True: pass']).kill)
-        domain, udp = parts.enter_context(Domain()).number, free_udp_port()
+        domain, udp = parts.enter_context(Domain()).number, free_port()
         given = [each.format(udp=udp, folder=tmp_path) for each in words]
         command = [*INSPECT, *SHORT, '--report', str(folder), *UNATTENDED, *given]
         program = parts.enter_context(Program('inspect_kart', command, domain))
