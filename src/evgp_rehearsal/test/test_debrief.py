@@ -61,6 +61,7 @@ def test_it_says_what_was_heard_what_was_pressed_and_the_rule_books_order() -> N
         gave(3.2, 'RED_FLAG', text='RED_FLAG sent to karts 1, 2.'),
         gave(4.0, 'GREEN_GREEN', text='GREEN_GREEN refused: no.', success=False),
         (5.0, 'ALERT_RAISED', 1, {'text': 'kart 1 is late'}),
+        (6.0, 'RACE_STATE', 0, {'text': 'every kart has finished'}),
         kart=1,
         messages=((ticks(0.0), 'kart 1 has spun'),),
     )
@@ -71,6 +72,7 @@ def test_it_says_what_was_heard_what_was_pressed_and_the_rule_books_order() -> N
         '     3.2 s  Anna sent RED_FLAG: RED_FLAG sent to karts 1, 2',
         '     4.0 s  Anna sent GREEN_GREEN: refused: no',
         '     5.0 s  alert: kart 1 is late',
+        '     6.0 s  every kart has finished',
         f'  the rule book: {INCIDENTS["spin"].order}',
     ]
 
