@@ -89,9 +89,14 @@ def _soak(stack: contextlib.ExitStack, options: argparse.Namespace, rng: random.
                 raise fleet.failure
             if time.monotonic() - reported > REPORT_EVERY:
                 reported = time.monotonic()
-                _tell(reported - began, fleet, officials, witness, resident(control.pid) / 1024)
+                print(
+                    f'{reported - began:6.0f} s  {witness.frames} frames, '
+                    f'{sum(fleet.faults.values())} faults, {officials.calls} commands, '
+                    f'{officials.greens} races started, {resident(control.pid) / 1024:.1f} MiB',
+                    flush=True,
+                )
     except AssertionError as error:
-        trouble = f'race control does not answer: {error}\n{_last_lines(control)}'
+        trouble = '\n'.join([f'race control does not answer: {error}', *control.lines[-15:]])
     elapsed = time.monotonic() - began
     memory_at_end = 0.0 if trouble else resident(control.pid) / 1024
     fleet.stop()
@@ -107,7 +112,8 @@ def _soak(stack: contextlib.ExitStack, options: argparse.Namespace, rng: random.
     print(f'\n{elapsed:.0f} s of {options.karts} karts')
     print(f'frames sent to karts   {witness.frames}')
     print(f'frames said by karts   {sum(len(link.said) for link in witness.links)}')
-    print(f'faults injected        {sum(fleet.faults.values())}: {_counts(fleet.faults)}')
+    faults = ', '.join(f'{name} {count}' for name, count in sorted(fleet.faults.items()))
+    print(f'faults injected        {sum(fleet.faults.values())}: {faults}')
     print(f'commands               {officials.calls}, {officials.accepted} of them accepted')
     print(f'races planned, started {officials.races}, {officials.greens}')
     print(f'connections            {len(witness.links)}')
@@ -120,24 +126,6 @@ def _soak(stack: contextlib.ExitStack, options: argparse.Namespace, rng: random.
     if trouble:
         print(trouble)
     return 1 if violations or trouble else 0
-
-
-def _tell(
-    elapsed: float, fleet: Fleet, officials: Officials, witness: Witness, memory: float
-) -> None:
-    print(
-        f'{elapsed:6.0f} s  {witness.frames} frames, {sum(fleet.faults.values())} faults, '
-        f'{officials.calls} commands, {officials.greens} races started, {memory:.1f} MiB',
-        flush=True,
-    )
-
-
-def _last_lines(control: RaceControl) -> str:
-    return '\n'.join(control.lines[-15:])
-
-
-def _counts(counter: dict[str, int]) -> str:
-    return ', '.join(f'{name} {count}' for name, count in sorted(counter.items()))
 
 
 if __name__ == '__main__':
