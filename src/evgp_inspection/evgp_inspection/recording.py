@@ -59,11 +59,7 @@ class Recording:
             self._wakes.set()
 
     async def until(self, found: Callable[[], object], seconds: float) -> bool:
-        """
-        Wait until `found` is true, but no longer than this; return whether it became true.
-
-        Only one task may wait.
-        """
+        """Wait, in one task only, until `found` is true, but no longer; return whether it is."""
         deadline = self._loop.time() + seconds
         self._awaited = found
         while not found():
