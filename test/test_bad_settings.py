@@ -124,7 +124,7 @@ PAUSE = '/**:\n  ros__parameters:\n    pause: 2.0\n'
         # What ROS would ignore.
         ('rcs_node:\n  ros__parameters:\n    require_inspection: true\n', ':1', 'rcs_node'),
         ('/field:\n  rcs:\n    ros__parameters:\n      pause: 2.0\n', ':2', '/field/rcs'),
-        (f'{PAUSE}    pause: 1.0\n', ':4', 'pause'),
+        (f'{PAUSE}    pause: 1.0\n', ':4', "'pause' is already in line 3"),
         ('/**:\n  ros__parameters: {pause: 2.0}\n/**:\n  ros__parameters: {}\n', ':3', '/**'),
         *(
             (f'{each}:\n  ros__parameters: {{}}\n', None, '')
