@@ -34,8 +34,6 @@ static volatile int64_t *offsets; /* the wall clock's, the boot-time clock's; NU
 
 static int (*real_gettime)(clockid_t, struct timespec *);
 static int (*real_wait)(pthread_cond_t *, pthread_mutex_t *, const struct timespec *);
-static int (*real_clockwait)(
-    pthread_cond_t *, pthread_mutex_t *, clockid_t, const struct timespec *);
 static int (*real_signal)(pthread_cond_t *);
 static int (*real_broadcast)(pthread_cond_t *);
 static int (*real_semwait)(sem_t *, const struct timespec *);
@@ -53,7 +51,6 @@ __attribute__((constructor)) static void begin(void)
     if (real_gettime)
         return;
     real_wait = find("pthread_cond_timedwait");
-    real_clockwait = find("pthread_cond_clockwait");
     real_signal = find("pthread_cond_signal");
     real_broadcast = find("pthread_cond_broadcast");
     real_semwait = find("sem_timedwait");
@@ -112,14 +109,6 @@ time_t time(time_t *where)
     return now.tv_sec;
 }
 
-int timespec_get(struct timespec *time, int base)
-{
-    if (base != TIME_UTC)
-        return 0;
-    clock_gettime(CLOCK_REALTIME, time);
-    return base;
-}
-
 /* The next real time to look at the clock again, or that the deadline has passed. */
 static int slice(const struct timespec *deadline, struct timespec *until)
 {
@@ -175,17 +164,6 @@ int pthread_cond_timedwait(
         return real_wait(condition, mutex, deadline);
     unsigned before = *signals_of(condition);
     WAIT(real_wait(condition, mutex, &until), *signals_of(condition) != before);
-}
-
-int pthread_cond_clockwait(
-    pthread_cond_t *condition, pthread_mutex_t *mutex, clockid_t clock,
-    const struct timespec *deadline)
-{
-    begin();
-    if (!offsets || clock != CLOCK_REALTIME)
-        return real_clockwait(condition, mutex, clock, deadline);
-    unsigned before = *signals_of(condition);
-    WAIT(real_clockwait(condition, mutex, clock, &until), *signals_of(condition) != before);
 }
 
 int pthread_mutex_timedlock(pthread_mutex_t *mutex, const struct timespec *deadline)
