@@ -300,8 +300,8 @@ class Oracle:
         return stood and self.now - begin >= self.settings.standstill_time
 
 
-def apply(arbiter: Arbiter, kind: str, value: Any, at: float) -> Input:
-    """Give one input to the arbiter and note it with its answer."""
+def apply(arbiter: Arbiter, kind: str, value: Any, at: float) -> tuple[Input, Verdict]:
+    """Give one input to the arbiter; note it with its answer, and return what it must do then."""
     number = 0
     stop_source = type(arbiter).team_stop.__globals__['StopSource']
     if kind in ('tick', 'connected', 'team_heard'):
@@ -319,17 +319,11 @@ def apply(arbiter: Arbiter, kind: str, value: Any, at: float) -> Input:
     else:
         outcome = getattr(arbiter, kind)(value, at)
     accepted = kind == 'acknowledge' and not outcome.refusal
-    assert vars(outcome.verdict) == vars(arbiter.verdict)
-    return Input(
-        kind,
-        value,
-        at,
-        number,
-        outcome.verdict.order,
-        accepted,
-        outcome.send,
-        outcome.give_up is not None,
-    )
+    verdict = outcome.verdict
+    assert vars(verdict) == vars(arbiter.verdict)
+    gave_up = outcome.give_up is not None
+    note = Input(kind, value, at, number, verdict.order, accepted, outcome.send, gave_up)
+    return note, verdict
 
 
 def check(oracle: Oracle, earlier: Oracle, verdict: Verdict) -> None:
@@ -454,13 +448,13 @@ def explore(
         for arbiter, earlier in behind:
             for (kind, value), wait in itertools.product(inputs, (0.0, 0.5)):
                 later = copy.copy(arbiter)
-                note = apply(later, kind, value, earlier.now + wait)
+                note, verdict = apply(later, kind, value, earlier.now + wait)
                 oracle = Oracle((*earlier.history, note), settings, earlier)
                 steps += 1
                 try:
-                    check(oracle, earlier, later.verdict)
+                    check(oracle, earlier, verdict)
                 except AssertionError as error:
-                    told = f'{error}\nafter {oracle.history}\n{later.verdict}'
+                    told = f'{error}\nafter {oracle.history}\n{verdict}'
                     raise AssertionError(told) from error
                 mark = fingerprint(later)
                 if mark not in seen:
@@ -711,8 +705,9 @@ def test_random_histories_with_times_that_fit_no_grid_keep_the_rules(
             if kind == 'acknowledge' and value[0] == COMMANDED:
                 value = arbiter.verdict.commanded or RED, value[1]
             earlier = oracle
-            oracle = Oracle((*oracle.history, apply(arbiter, kind, value, now)), settings, oracle)
-            check(oracle, earlier, arbiter.verdict)
+            note, verdict = apply(arbiter, kind, value, now)
+            oracle = Oracle((*earlier.history, note), settings, earlier)
+            check(oracle, earlier, verdict)
         if step is TICK_AT_THE_DEADLINE:
             assert before != (arbiter.verdict, fingerprint(arbiter))
             assert arbiter.deadline is None or arbiter.deadline > now
