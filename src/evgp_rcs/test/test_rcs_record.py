@@ -56,19 +56,12 @@ def arguments_of(way: str, record: pathlib.Path) -> list[str]:
 
 
 @pytest.fixture(scope='module')
-def records(tmp_path_factory: pytest.TempPathFactory) -> list[pathlib.Path]:
-    """Return records of up to a dozen pages: each has a short run, and a longer one."""
-    paths = []
-    for steps in (200, 100, 100, 50, 50):
-        paths.append(tmp_path_factory.mktemp('recorded') / 'record.sqlite3')
-        PaperRace({7: 'Purdue'}).write(paths[-1])
-        an_ended_run(len(paths), steps).write(paths[-1])
-    return paths
-
-
-@pytest.fixture
-def recorded(records: list[pathlib.Path]) -> pathlib.Path:
-    return records[0]
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """Return a record of dozens of pages: a short run, and a long one with what went into it."""
+    path = tmp_path_factory.mktemp('recorded') / 'record.sqlite3'
+    PaperRace({7: 'Purdue'}).write(path)
+    an_ended_run(steps=1000).write(path)
+    return path
 
 
 @pytest.fixture
@@ -274,8 +267,7 @@ def test_of_a_damaged_record_events_before_and_behind_the_damage_are_shown_and_a
 def blocks_moved(path: pathlib.Path, chance: random.Random) -> None:
     """Remove, repeat, swap or replace a block; not the last one, which nobody misses."""
     with contextlib.closing(sqlite3.connect(path)) as database, database:
-        found = database.execute('SELECT DISTINCT number FROM block ORDER BY number')
-        numbers = [number for (number,) in found]
+        numbers = [n for (n,) in database.execute('SELECT number FROM block ORDER BY number')]
         one, other = chance.sample(numbers[:-1], 2)
         move = 'UPDATE block SET number = ? WHERE number = ?'
         again = 'INSERT INTO block SELECT run, ?, data FROM block WHERE number = ?'
@@ -312,10 +304,10 @@ WHOLE = (blocks_moved, bits_flipped, truncated)
 
 @pytest.mark.parametrize('seed', range(50))
 def test_whatever_was_done_to_a_record_it_is_read_or_refused_and_a_change_is_found(
-    seed: int, records: list[pathlib.Path], path: pathlib.Path, capsys: Capture
+    seed: int, path: pathlib.Path, capsys: Capture
 ) -> None:
     chance = random.Random(seed)
-    shutil.copy(chance.choice(records), path)
+    an_ended_run(seed, 200).write(path)
     before = stream_of(path, capsys)
     WHOLE[seed % len(WHOLE)](path, chance)
     codes = {}

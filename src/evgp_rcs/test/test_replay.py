@@ -47,7 +47,7 @@ def test_a_race_that_is_replayed_with_its_own_rules_does_not_differ(seed: int) -
     assert found.events > 100
 
 
-def an_ended_run(seed: int = 1, steps: int = 200) -> Running:
+def an_ended_run(seed: int = 1, steps: int = 600) -> Running:
     running = Running(seed).run(steps)
     running.end()
     return running
