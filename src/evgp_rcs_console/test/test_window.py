@@ -20,6 +20,7 @@ from evgp_node.results import Act, KartResult, RaceOfEvent, Standings, Status
 from evgp_protocol import clock
 from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
+from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 
 try:
@@ -28,7 +29,6 @@ except ImportError as error:
     from rig.needs import cannot_run
 
     cannot_run(f'Qt cannot be loaded: {error}', whole_file=True)
-from evgp_rcs.rules import inputs
 from evgp_rcs.rules.inputs import Entrant, Setup
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import (
