@@ -160,11 +160,11 @@ class RaceControlLink:
             take, future = self._given.popleft()
             try:
                 reaction = take(self._arbiter, clock.now())
+                self.connection.say(self.kart.follow(reaction))
+                self._publish_news()
             except BaseException as error:
                 future.set_exception(error)
                 raise
-            self.connection.say(self.kart.follow(reaction))
-            self._publish_news()
             future.set_result(reaction)
 
     def _publish_news(self) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 from evgp_kart_bridge.link import LinkClosedError, RaceControlLink
 from evgp_protocol import connection as connections
-from evgp_protocol.arbiter import Arbiter, Reaction, Settings, Verdict
+from evgp_protocol.arbiter import Arbiter, Reaction, Settings, StopSource, Verdict
 from evgp_protocol.connection import LinkSettings
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
@@ -305,3 +305,18 @@ def test_the_end_and_a_fault_close_the_connection_and_nothing_is_told_any_more(
             pass
     with pytest.raises(LinkClosedError):
         running.acknowledge(RED_RED)
+
+
+def test_whoever_stops_a_kart_learns_that_the_stop_could_not_be_published(
+    race: BareRaceControl, parts: contextlib.ExitStack
+) -> None:
+    def publish(verdict: Verdict) -> None:
+        if verdict.team_stop:
+            raise ZeroDivisionError
+
+    arbiter, settings = Arbiter(Settings(), 1), LinkSettings('127.0.0.1', race.port)
+    link = RaceControlLink(arbiter, settings, publish, lambda error: None)
+    parts.callback(link.stop)
+    link.start()
+    given = link.give(lambda arbiter, now: arbiter.team_stop(StopSource.SERVICE, True, now))
+    assert isinstance(given.exception(PATIENCE), ZeroDivisionError)
