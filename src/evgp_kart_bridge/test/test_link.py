@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
+import os
+import resource
 import socket
 import threading
 import time
@@ -267,6 +269,16 @@ def test_an_address_this_machine_does_not_have_is_named(
 
 
 @pytest.fixture
+def many_files(parts: contextlib.ExitStack) -> None:
+    """Have so many files open that the next ones are beyond what select.select can take."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 4096), hard))
+    parts.callback(resource.setrlimit, resource.RLIMIT_NOFILE, (soft, hard))
+    for _ in range(1024):
+        parts.callback(os.close, os.open(os.devnull, os.O_RDONLY))
+
+
+@pytest.fixture
 def running(start_link: StartLink, parts: contextlib.ExitStack) -> Running:
     """Return a link whose end at race control reads nothing."""
     listening = parts.enter_context(socket.create_server(('127.0.0.1', 0)))
@@ -277,6 +289,11 @@ def running(start_link: StartLink, parts: contextlib.ExitStack) -> Running:
     running.other_end.sendall(encode(IN_GARAGE))
     running.wait_for_state(IN_GARAGE)
     return running
+
+
+def test_a_program_with_many_open_files_has_a_link(many_files: None, running: Running) -> None:
+    assert running.other_end.fileno() > 1023
+    assert not running.failures
 
 
 def test_race_control_that_does_not_read_is_lost(running: Running) -> None:

@@ -87,8 +87,11 @@ class Connection:
 
     def wait(self, bell: int, seconds: float) -> None:
         """Return when `serve` may have something to do, `bell` can be read, or time is up."""
-        ends = [] if self._socket is None else [self._socket.fileno()]
-        select.select([bell, *ends], [] if self._is_made else ends, [], max(0.0, seconds))
+        ends = select.poll()
+        ends.register(bell, select.POLLIN)
+        if self._socket is not None:
+            ends.register(self._socket, select.POLLIN if self._is_made else select.POLLOUT)
+        ends.poll(max(0.0, seconds) * 1000)
 
     def serve(self) -> None:
         """Do what can be done now: connect, read everything that has arrived, or close."""
@@ -98,7 +101,7 @@ class Connection:
                     self._connect()
             elif self._is_made:
                 self._receive(self._socket)
-            elif select.select([], [self._socket], [], 0)[1]:
+            elif self._is_answered(self._socket):
                 if error := self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
                     raise OSError(error, os.strerror(error))
                 self._is_made = True
@@ -136,6 +139,12 @@ class Connection:
             self._socket.bind((self._settings.local_address, 0))
         with contextlib.suppress(BlockingIOError):  # the connection is being made
             self._socket.connect((self._settings.host, self._settings.port))
+
+    def _is_answered(self, link: socket.socket) -> bool:
+        """Return whether the attempt to connect is over, made or failed."""
+        attempt = select.poll()  # select.select cannot take a file descriptor above 1023
+        attempt.register(link, select.POLLOUT)
+        return bool(attempt.poll(0))
 
     def _receive(self, link: socket.socket) -> None:
         for _ in range(MOST_READS):
