@@ -32,12 +32,12 @@ FIRST_WAIT = 0.1
 LAST_WAIT = 2.0
 """Maximum time before any attempt to connect, in seconds."""
 
-READ_BYTES = 4096
+READ_BYTES = 256
 """Maximum number of bytes of one read."""
 
 MOST_READS = 16
-"""Maximum number of reads in one turn: a flood must not delay the brake. Race control takes
-minutes to send as much."""
+"""Maximum number of reads in one turn: a flood must not delay the brake. Race control takes 15 s
+to send as much, but a kart that reads no frame for 1 s loses the connection."""
 
 MOST_UNANSWERED = 4096
 """Maximum number of bytes that race control's TCP has not accepted, before the kart assumes that
