@@ -197,6 +197,17 @@ def test_a_frame_that_waited_while_the_link_was_held_up_is_as_old_as_it_may_be(
     assert time.monotonic() - sent_at < 3.0
 
 
+def test_what_came_while_the_link_was_held_up_in_connecting_is_not_obeyed(
+    race: BareRaceControl, start_link: StartLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connections, 'CONNECT_TIMEOUT', 0.0)  # any hold-up is too long
+    race.say(GRID_ACTIVE)
+    running = start_link(race.port)
+    running.wait_for_reason('does not answer')
+    race.wait_for_connections(2)
+    assert not any(verdict.connected for verdict in running.verdicts)
+
+
 def test_green_green_is_not_obeyed_on_a_new_connection(
     race: BareRaceControl, start_link: StartLink
 ) -> None:

@@ -101,14 +101,14 @@ class Connection:
                     self._connect()
             elif self._is_made:
                 self._receive(self._socket)
+            elif clock.now() >= self._due:
+                raise TimeoutError  # even if it is made, because what came on it may be old
             elif self._is_answered(self._socket):
                 if error := self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
                     raise OSError(error, os.strerror(error))
                 self._is_made = True
                 self.made += 1
                 self._kart.connected(clock.now())
-            elif clock.now() >= self._due:
-                raise TimeoutError
         except OSError as error:
             self._lose(self._why_closed(error) if self._is_made else self._why_not_made(error))
 
