@@ -10,6 +10,7 @@ import contextlib
 import itertools
 import os
 import pathlib
+import re
 import signal
 import socket
 import subprocess
@@ -176,6 +177,8 @@ def test_a_race_reaches_the_stack_and_its_acknowledgements_the_official(
     race.team.wait_for_state(IN_GARAGE)
     assert race.team.states[-5:] == [GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED, IN_GARAGE]
     assert race.bridge.close() == 0
+    told = re.findall(r'(\w+) is acknowledged', race.bridge.output)
+    assert told == ['GRID_ACTIVE', 'GREEN_GREEN', 'RED_FLAG', 'RED_RED']
     race.team.wait_until(lambda: plain[-1].data == 'RED_RED', lambda: f'the end: {plain[-1]}')
     wait_for_lamp(BLUE)
 

@@ -433,7 +433,8 @@ class KartBridge(StrictNode):
         obeyed = f'Obey {verdict.state.value}'
         if verdict.acknowledged and last is not None and not last.acknowledged:
             reached = verdict.reached or verdict.state
-            self.get_logger().info(f'{reached.value} is acknowledged')
+            if reached is not RaceState.IN_GARAGE:  # which the link acknowledges, at once
+                self.get_logger().info(f'{reached.value} is acknowledged')
         if verdict.reason == '':
             if last is None or last.reason or last.state is not verdict.state:
                 self._new_reasons = NewReasons()
