@@ -32,7 +32,6 @@ from evgp_protocol import clock
 from evgp_protocol.arbiter import Arbiter, Reaction, Verdict
 from evgp_protocol.connection import Connection, LinkSettings
 from evgp_protocol.kart import Kart
-from evgp_protocol.states import RaceState
 
 REPEAT = 10.0
 """Rate at which the link publishes the verdict again, in Hz."""
@@ -142,11 +141,7 @@ class RaceControlLink:
     def _turn(self, bell: int) -> None:
         self.kart.tick(clock.now())
         self.connection.serve()
-        verdict = self.kart.verdict
-        if verdict.commanded is RaceState.IN_GARAGE and not verdict.acknowledged:
-            # Acknowledge at once, because the kart need not do anything first. The reply shows
-            # race control that later replies do not answer earlier commands.
-            self.connection.say(self.kart.acknowledge(verdict.order, clock.now()))
+        self.connection.say(self.kart.acknowledge_garage(clock.now()))
         self._publish_news()
         self._take_given()
         due = (self._repeat_at, self._arbiter.deadline or self._repeat_at)

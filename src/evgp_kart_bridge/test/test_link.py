@@ -133,6 +133,17 @@ def test_of_all_frames_that_came_together_the_last_alone_is_obeyed(
     assert GREEN_GREEN not in {verdict.state for verdict in running.verdicts[before:]}
 
 
+def test_in_garage_is_acknowledged_at_once_even_if_another_frame_follows(
+    race: BareRaceControl, start_link: StartLink
+) -> None:
+    running = start_link(race.port)
+    race.wait_until_it_says(IN_GARAGE)
+    running.wait_for(lambda verdict: verdict.commanded is IN_GARAGE and verdict.acknowledged)
+    running.obey(race, GRID_ACTIVE)
+    race.say(IN_GARAGE, RED_RED)
+    race.wait_until_it_says(IN_GARAGE)
+
+
 def test_valid_frames_are_obeyed_whatever_the_cuts_and_whatever_else_comes(
     race: BareRaceControl, start_link: StartLink
 ) -> None:

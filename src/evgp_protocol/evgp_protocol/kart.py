@@ -135,6 +135,21 @@ class Kart:
             return b''
         return self.follow(self._arbiter.acknowledge(reached, order, now))
 
+    def acknowledge_garage(self, now: float) -> bytes:
+        """
+        Acknowledge IN_GARAGE, for a kart that need not do anything first. Call it in every turn.
+
+        The frame shows race control that later ones do not answer earlier commands, even if
+        another command has already followed.
+
+        :return: bytes to send, if any.
+        """
+        verdict = self.verdict
+        if verdict.commanded is RaceState.IN_GARAGE and not verdict.acknowledged:
+            return self.acknowledge(verdict.order, now)
+        overtaken, self._garage_owed = self._garage_owed, False
+        return encode(RaceState.IN_GARAGE) if overtaken and self.is_open else b''
+
     def follow(self, reaction: Reaction) -> bytes:
         """Carry out the reaction to an input of the arbiter; return bytes to send, if any."""
         if reaction.give_up is not None:
