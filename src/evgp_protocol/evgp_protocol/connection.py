@@ -32,7 +32,7 @@ FIRST_WAIT = 0.1
 LAST_WAIT = 2.0
 """Maximum time before any attempt to connect, in seconds."""
 
-READ_BYTES = 256
+BYTES_A_READ = 256
 """Maximum number of bytes of one read."""
 
 MOST_READS = 16
@@ -151,7 +151,7 @@ class Connection:
             if not self._kart.is_open:
                 return self._lose('')  # the kart knows why
             try:
-                data = link.recv(READ_BYTES)
+                data = link.recv(BYTES_A_READ)
             except BlockingIOError:
                 return None
             if not data:
