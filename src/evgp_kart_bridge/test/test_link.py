@@ -241,8 +241,9 @@ def test_it_reconnects_after_every_loss_and_soon_where_it_was_heard(
     for count in range(1, 21):  # by doubling, the last wait would be of minutes
         running.wait_for(lambda verdict: verdict.connected, len(running.verdicts))
         assert running.link.connection.made == count
+        told = len(running.verdicts)
         race.hang_up()
-        running.wait_for(lambda verdict: not verdict.connected, len(running.verdicts))
+        running.wait_for(lambda verdict: not verdict.connected, told)
 
 
 def test_a_closed_port_is_named_and_tried_until_it_opens(
