@@ -858,7 +858,7 @@ def _row(screen: Screen, kart: KartSnapshot, place: int) -> Row:
         link_time=link_time,
         # A kart without a link is sent nothing; the cell shows what it would be sent.
         sent=sent if kart.connected else sent._replace(tone=Tone.FAINT),
-        since=clock(now - kart.sent_since),
+        since=_age(now - kart.sent_since),
         answer=_answer(kart, now, missing),
         waits=kart.connected and asks and not answered,
         says=says,
@@ -871,6 +871,11 @@ def _row(screen: Screen, kart: KartSnapshot, place: int) -> Row:
         ),
         letter=letter,
     )
+
+
+def _age(seconds: float) -> str:
+    """Return an age that changes seldom, so that the rows do not all change every second."""
+    return clock(seconds) if seconds < 60.0 else f'{seconds // 60:.0f} min'
 
 
 def _link(kart: KartSnapshot, missing: Tone) -> tuple[Cell, int, str]:

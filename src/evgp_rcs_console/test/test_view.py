@@ -573,6 +573,14 @@ def test_a_row_says_what_a_kart_answered_and_what_it_needs(
     assert (row.note.tone is Tone.BAD) is (note == texts.MAY_MOVE)
 
 
+@pytest.mark.parametrize(
+    ('sent_since', 'since'), [(39.0, '0:01'), (-19.0, '0:59'), (-25.0, '1 min')]
+)
+def test_a_row_says_for_how_long_a_kart_was_sent_its_state(sent_since: float, since: str) -> None:
+    (row,) = with_kart(sent_since=sent_since).rows
+    assert row.since == since
+
+
 def test_how_good_a_link_is_is_told_by_bars_a_word_and_a_time() -> None:
     for grade, bars, word, time, tone in (
         (Grade.UNKNOWN, 0, '✓ linked', '', Tone.PLAIN),
