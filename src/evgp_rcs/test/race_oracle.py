@@ -15,7 +15,7 @@ The rules are a parameter (a module), so that the same search can be let loose o
 from __future__ import annotations
 
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Container, Iterable
+from collections.abc import Callable, Container, Iterable, Iterator
 from dataclasses import dataclass, field
 import functools
 import gc
@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
+from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED
 from evgp_rcs.rules.race import Attendance, Command
@@ -76,6 +77,11 @@ NAMING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE')
 IN_MOTION = (GRID_ACTIVE, GREEN_GREEN)
 OFFICIAL = 'Anna'
 RUN = 'a run'
+GONE = 'end of file'
+ANNA, NOBODY = Attendance(1, 'Anna (window)'), Attendance()
+GOOD, POOR = (
+    NOT_MEASURED._replace(grade=each, worst_answer=0.0) for each in (Grade.GOOD, Grade.POOR)
+)
 # How much of a danger a kart may be.
 HARMLESS, ON_GRID, MOVING = range(3)
 
@@ -251,36 +257,24 @@ class Facts(NamedTuple):
     heat: str | None = ''
 
 
-class Input(NamedTuple):
-    """
-    One input: a command, a connection change, something a kart says, or time.
+def command(
+    kind: str, kart: int = 0, statement: bool = False, at: float = 0.0, **fields: Any
+) -> inputs.Commanded:
+    """Return the input of a command that comes when it is judged."""
+    given = Command(CommandKind[kind], kart, statement, official=OFFICIAL, **fields)
+    return inputs.Commanded(at, given, at)
 
-    :param kind: which command; of what is on the disk 'stale' if it is of an earlier GRID_ACTIVE;
-        of who is there 'fault' if something is wrong with a button.
-    :param serial: of what a kart says.
-    :param statement: what is stated; of a lost connection that its link was silent, of a kart that
-        two programs connect as it; of a rival that it is there, of the record that it fails, of
-        a link that is measured that it is poor, of who is there that somebody can stop the race.
-    :param karts: which karts a start or release is for, as the official saw it.
-    :param hold: how a kart to be released was held, as the official saw it.
-    :param heat: the name of the heat, of a command to put one into the race.
-    :param came: when a command came, if before it is judged.
-    :param opening: the last opening of the track that the official saw.
-    :param finish: the run, the race and the attempt that a FINISH is for, if it names them.
-    """
 
-    what: str
-    kind: str = ''
-    kart: int = 0
-    statement: bool = False
-    serial: int = 0
-    state: RaceState | None = None
-    karts: frozenset[int] = frozenset()
-    hold: RaceState | None = None
-    heat: str = ''
-    came: float | None = None
-    opening: int = 0
-    finish: tuple[str, int, int] | None = None
+def but(given: Any, **fields: Any) -> Any:
+    """Return the input of a command that names something else."""
+    return given._replace(command=given.command._replace(**fields))
+
+
+def _about(given: inputs.Input) -> tuple[type[Any], str, int]:
+    """Return what an input is, which command if it is one, and the number of its kart or 0."""
+    if isinstance(given, inputs.Commanded):
+        return inputs.Commanded, given.command.kind.name, given.command.kart
+    return type(given), '', getattr(given, 'kart', 0)
 
 
 class Judgement(NamedTuple):
@@ -481,7 +475,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
 
 def _sent_home(view: View) -> tuple[int, ...]:
     """Return whom IN_GARAGE for the race sends IN_GARAGE."""
-    after = expect(view, Input('command', 'IN_GARAGE'), 0.0, None)
+    after = expect(view, command('IN_GARAGE'), None)
     return tuple(
         kart.number
         for kart, then in zip(view.karts, after.karts, strict=True)
@@ -489,18 +483,19 @@ def _sent_home(view: View) -> tuple[int, ...]:
     )
 
 
-def as_seen(view: View, given: Input) -> Input:
+def as_seen(view: View, given: inputs.Input) -> inputs.Input:
     """Return a command with what an official names who sees the race as it is."""
-    if given.what == 'command' and given.kind in NAMING:
-        if given.kind == 'IN_GARAGE':
-            return given._replace(karts=frozenset(_sent_home(view)))
-        racing = frozenset(k.number for k in view.karts if k.in_race)
-        opening = view.opening if given.kind == 'GRID_ACTIVE' else given.opening
-        return given._replace(karts=racing, opening=opening)
-    if given.kind == 'KART_IN_GARAGE':
-        holds = [kart.hold for kart in view.karts if kart.number == given.kart]
-        return given._replace(hold=holds[0])
-    return given
+    _, kind, number = _about(given)
+    seen: dict[str, Any] = {}
+    if kind == 'IN_GARAGE':
+        seen = {'karts': frozenset(_sent_home(view))}
+    elif kind in NAMING:
+        seen = {'karts': frozenset(kart.number for kart in view.karts if kart.in_race)}
+        if kind == 'GRID_ACTIVE':
+            seen['opening'] = view.opening
+    elif kind == 'KART_IN_GARAGE':
+        (seen['hold'],) = (kart.hold for kart in view.karts if kart.number == number)
+    return but(given, **seen) if seen else given
 
 
 def is_paused(view: View, kind: str, came: float) -> bool:
@@ -508,23 +503,23 @@ def is_paused(view: View, kind: str, came: float) -> bool:
     return kind in LOOSENING and came < view.paused_until
 
 
-def objection(view: View, facts: Facts, given: Input, now: float, opinion: Judgement) -> str:
+def objection(view: View, facts: Facts, given: inputs.Commanded, opinion: Judgement) -> str:
     """Return the property that is broken if a command is accepted; empty: none is."""
-    came = now if given.came is None else given.came
+    kind, named = given.command.kind.name, given.command
     if _is_barred(view, given):
         return 'uninspected'
-    named = given.finish if given.kind == 'KART_FINISH' else None
-    if named is not None and named != finishes(view, given.kart)[0]:
+    finish = named.run, named.race, named.attempt
+    if kind == 'KART_FINISH' and named.run and finish != finishes(view, named.kart)[0]:
         return 'finish-other'
-    if not opinion.allowed or given.kind == 'READ_ROSTER':  # of no kart
+    if not opinion.allowed or kind == 'READ_ROSTER':  # of no kart
         return 'availability'
-    if is_paused(view, given.kind, came):
+    if is_paused(view, kind, given.came):
         return 'pause'
     if as_seen(view, given) != given:
         return 'as-seen'
-    if opinion.needs_statement and not given.statement:
+    if opinion.needs_statement and not named.statement:
         return 'statement'
-    is_heat = given.kind != 'SET_HEAT' or given.heat in [heat.name for heat in view.heats]
+    is_heat = kind != 'SET_HEAT' or named.heat in [heat.name for heat in view.heats]
     return '' if is_heat else 'availability'
 
 
@@ -546,19 +541,20 @@ def _heat_in_race(view: View, facts: Facts) -> str | None:
     return facts.heat if racing and fits else ''
 
 
-def _is_barred(view: View, given: Input) -> bool:
+def _is_barred(view: View, given: inputs.Commanded) -> bool:
     """Return whether a command is refused for want of an inspection, if for nothing else."""
-    concerned = {given.kart}
-    if given.kind == 'GRID_ACTIVE':
+    kind, named = given.command.kind.name, given.command
+    concerned = {named.kart}
+    if kind == 'GRID_ACTIVE':
         concerned = {kart.number for kart in view.karts if kart.in_race}
-    elif given.kind == 'SET_HEAT':
-        concerned = {n for heat in view.heats if heat.name == given.heat for n in heat.karts}
-    elif given.kind != 'JOIN_RACE':
+    elif kind == 'SET_HEAT':
+        concerned = {n for heat in view.heats if heat.name == named.heat for n in heat.karts}
+    elif kind != 'JOIN_RACE':
         return False
     return not concerned.isdisjoint(_uninspected(view, view.karts))
 
 
-def _hear(kart: Any, given: Input, now: float, settle: float) -> None:
+def _hear(kart: Any, given: inputs.Heard, settle: float) -> None:
     """Take a kart at its word, or see it take its word back, or move."""
     if not kart.connected:
         return
@@ -569,8 +565,8 @@ def _hear(kart: Any, given: Input, now: float, settle: float) -> None:
     elif given.serial == kart.serial and not kart.acknowledged:
         kart.acknowledged = True
         if _red(kart):
-            kart.settles_at = now + settle
-            _stand(kart, now)
+            kart.settles_at = given.at + settle
+            _stand(kart, given.at)
 
 
 def _stand(kart: Any, now: float) -> None:
@@ -589,13 +585,13 @@ def _drop(race: Any, kart: Any) -> None:
         kart.hold = RED_RED
 
 
-def expect(view: View, given: Input, now: float, times: Any) -> View:
+def expect(view: View, given: Any, times: Any) -> View:
     """
     Return the race after an input, as docs/rules.md has it; serials apart.
 
     :param given: if it is a command, there is no ``objection`` to it.
     """
-    what, kind, number = given.what, given.kind, given.kart
+    (what, kind, number), now = _about(given), given.at
     race: Any = SimpleNamespace(**view._asdict())
 
     def pause(seconds: float) -> None:
@@ -603,7 +599,7 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
 
     if kind in STOPS:
         pause(times.pause)
-    if what in ('saved', 'delivered'):
+    if what in (inputs.Saved, inputs.Delivered):
         return view
     karts: list[Any] = [SimpleNamespace(**kart._asdict()) for kart in view.karts]
     mine = next((kart for kart in karts if kart.number == number), karts[0])
@@ -613,41 +609,41 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
         for kart in chosen:
             kart.hold = _stricter(red, kart.hold)
 
-    if what == 'connected':
+    if what is inputs.Connected:
         if mine.connected:
             _drop(race, mine)
         mine.connected, mine.went_silent_at = True, None
         if mine.doubt != MOVING:
             mine.lost = False
         resent = mine
-    elif what == 'disconnected':
+    elif what is inputs.Disconnected:
         if mine.connected:
             _drop(race, mine)
-            mine.went_silent_at = now if given.statement else None
-    elif what == 'contested':
-        mine.contested = given.statement
-    elif what == 'measured':
-        mine.link = _link(given) if mine.connected else mine.link
-    elif what == 'heard':
-        _hear(mine, given, now, times.settle_time)
-    elif what == 'rival':
-        race.has_rival = given.statement
-    elif what == 'there':
-        race.there = _attendance(given)
-        if given.statement:
+            mine.went_silent_at = now if given.silent else None
+    elif what is inputs.Contested:
+        mine.contested = given.contested
+    elif what is inputs.Measured:
+        mine.link = given.link if mine.connected else mine.link
+    elif what is inputs.Heard:
+        _hear(mine, given, times.settle_time)
+    elif what is inputs.Rival:
+        race.has_rival = given.present
+    elif what is inputs.Attended:
+        race.there = given.there
+        if given.there.able_to_stop:
             race.nobody_since = None
         elif view.there.able_to_stop:
             race.nobody_since = now
-    elif what == 'record':
-        race.record_fails = 'the disk is full' * given.statement
-    elif what == 'cut off':
-        race.cut_off_by = 'no cable' * given.statement
-    elif what == 'held up':
+    elif what is inputs.RecordTrouble:
+        race.record_fails = given.text
+    elif what is inputs.CutOff:
+        race.cut_off_by = given.reason
+    elif what is inputs.Stalled:
         pause(max(times.pause, times.pause_after_stall))
         for kart in karts:
             if kart.settles_at is not None:
                 kart.settles_at = now + times.settle_time
-    elif what == 'tick':
+    elif what is inputs.Tick:
         for kart in karts:
             _stand(kart, now)
             if kart.flag_at is not None and now >= kart.flag_at:
@@ -714,7 +710,7 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
         if race.state is GRID_ACTIVE:
             hold(RED_RED, mine)
     elif kind == 'SET_HEAT':
-        (chosen,) = (heat.karts for heat in view.heats if heat.name == given.heat)
+        (chosen,) = (heat.karts for heat in view.heats if heat.name == given.command.heat)
         for kart in karts:
             kart.in_race = kart.number in chosen
     elif kind == 'OPEN_TRACK':
@@ -722,7 +718,7 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
     else:
         assert kind == 'CLOSE_TRACK', given
         race.track_open = False
-    if is_cut_off(view, given, now):
+    if is_cut_off(view, given):
         race.state, race.msr_used, race.past_unknown = RED_RED, False, True
         race.track_open, race.opening = True, race.opening + 1
         pause(times.pause)
@@ -734,11 +730,11 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
     return _view(vars(race).values())
 
 
-def is_cut_off(view: View, given: Input, now: float) -> bool:
+def is_cut_off(view: View, given: Any) -> bool:
     """Return whether race control is cut off by this, or can only take itself for that."""
-    if given.what != 'disconnected':
-        return given.what == 'cut off' and given.statement and not view.cut_off_by
-    if not given.statement or view.state is RED_RED:
+    if type(given) is not inputs.Disconnected:
+        return type(given) is inputs.CutOff and bool(given.reason) and not view.cut_off_by
+    if not given.silent or view.state is RED_RED:
         return False
     in_garage = view.state is IN_GARAGE
     concerned = [kart for kart in view.karts if kart.in_race or in_garage]
@@ -748,7 +744,7 @@ def is_cut_off(view: View, given: Input, now: float) -> bool:
     lately = [
         kart
         for kart in others
-        if kart.went_silent_at is not None and now - kart.went_silent_at <= 2.0
+        if kart.went_silent_at is not None and given.at - kart.went_silent_at <= 2.0
     ]
     if not lately:
         # One alone is no sign of that while any other kart is heard.
@@ -834,32 +830,37 @@ def expect_alerts(view: View, now: float, times: Any) -> set[tuple[str, int]]:
     return alerts
 
 
-def learn(before: View, facts: Facts, given: Input, after: View, now: float) -> Facts:
-    """Return what the oracle remembers after an input that was not refused."""
-    if after == before and given.what == 'heard':
+def learn(before: View, facts: Facts, given: Any, after: View, gridded: int) -> Facts:
+    """
+    Return what the oracle remembers after an input that was not refused.
+
+    :param gridded: what the disk is given now says of the grid.
+    """
+    what, kind, number = _about(given)
+    if after == before and what is inputs.Heard:
         return facts
     grid_last, _, saved, heat = facts
-    if given.what == 'command' and given.kind not in NO_BUTTON:
-        grid_last = given.kind == 'GRID_ACTIVE'
-    saved = given.kind != 'stale' if given.what == 'saved' else saved
+    if kind and kind not in NO_BUTTON:
+        grid_last = kind == 'GRID_ACTIVE'
+    saved = given.gridded == gridded if what is inputs.Saved else saved
     saved = saved or after.state is not GRID_ACTIVE
-    if given.kind == 'SET_HEAT' and heat is not None:
-        heat = given.heat
+    if kind == 'SET_HEAT' and heat is not None:
+        heat = given.command.heat
     karts = []
     for old, kart, memory in zip(before.karts, after.karts, facts.karts, strict=True):
         ready, phase, stood = memory
-        if given.what == 'heard' and given.kart == kart.number and old.connected:
+        if what is inputs.Heard and number == kart.number and old.connected:
             if old.sent is GRID_ACTIVE:
                 ready = given.state is GRID_ACTIVE and (ready or given.serial == old.serial)
             if given.state is not old.sent:
                 stood = None
             elif given.state in REDS and given.serial == old.serial and stood is None:
-                stood = now
+                stood = given.at
         if kart.serial != old.serial or not kart.connected:
             ready, stood = False, None
         saved = saved and (kart.serial == old.serial or kart.sent is not GRID_ACTIVE)
-        if given.what == 'held up' and stood is not None:
-            stood = now
+        if what is inputs.Stalled and stood is not None:
+            stood = given.at
         if kart.sent is RED_RED or kart.sent is RED_FLAG:
             phase = 0
         elif kart.sent is IN_GARAGE:
@@ -873,60 +874,8 @@ def learn(before: View, facts: Facts, given: Input, after: View, now: float) -> 
 # ----- the properties ---------------------------------------------------------------------
 
 
-def _attendance(given: Input) -> Attendance:
-    fault = 'is gone' * (given.kind == 'fault')
-    return Attendance(int(given.statement), 'Anna (window)' * given.statement, fault)
-
-
-def _link(given: Input) -> LinkQuality:
-    grade = Grade.POOR if given.statement else Grade.GOOD
-    return NOT_MEASURED._replace(grade=grade, worst_answer=0.0)
-
-
-def give(race: Any, given: Input, now: float) -> Any:
-    """Give an input to the rules, and return the outcome."""
-    if given.what == 'command':
-        command = Command(
-            CommandKind[given.kind],
-            given.kart,
-            given.statement,
-            given.karts,
-            given.hold,
-            given.heat,
-            OFFICIAL,
-            *(given.finish or ('', 0, 0)),
-            given.opening,
-        )
-        return race.command(command, now, given.came)
-    if given.what == 'held up':
-        return race.stalled(2.0, now)
-    if given.what == 'saved':
-        return race.saved(race.memory().gridded - (given.kind == 'stale'))
-    if given.what == 'connected':
-        return race.connected(given.kart, now)
-    if given.what == 'disconnected':
-        return race.disconnected(given.kart, 'end of file', now, given.statement)
-    if given.what == 'cut off':
-        return race.cut_off('no cable' * given.statement, now)
-    if given.what == 'contested':
-        return race.contested(given.kart, given.statement, now)
-    if given.what == 'heard':
-        return race.heard(given.kart, given.serial, given.state, now)
-    if given.what == 'measured':
-        return race.measured(given.kart, _link(given), now)
-    if given.what == 'delivered':
-        return race.delivered(given.kart, given.serial, now, now)
-    if given.what == 'rival':
-        return race.rival(given.statement, now)
-    if given.what == 'there':
-        return race.attended(_attendance(given), now)
-    if given.what == 'record':
-        return race.record_trouble('the disk is full' * given.statement, now)
-    return race.tick(now)
-
-
 def check_input(
-    race: Any, before: View, facts: Facts, given: Input, outcome: Any, after: View, now: float
+    race: Any, before: View, facts: Facts, given: Any, outcome: Any, after: View
 ) -> Facts:
     """
     Check one input and all that came of it, and return what there is to remember.
@@ -934,7 +883,7 @@ def check_input(
     The S rules are asserted one by one and on their own, before the whole effect is compared:
     they must hold even if the oracle's expectation of the effect were wrong.
     """
-    what, kind, number = given.what, given.kind, given.kart
+    (what, kind, number), now = _about(given), given.at
     if after.state is GREEN_GREEN and before.state is not GREEN_GREEN:
         known = zip(before.karts, facts.karts, strict=True)
         racing = [(kart, memory) for kart, memory in known if kart.in_race]
@@ -947,12 +896,16 @@ def check_input(
             'contested': any(kart.contested for kart, _ in racing),
         }
         _none_of(broken, facts, before)
-    if what == 'command':
+    if what is inputs.Commanded:
         answer = outcome.answer
-        if kind in STOPS and (given.statement or kind != 'RECORD_MSR') and not answer.success:
+        if (
+            kind in STOPS
+            and (given.command.statement or kind != 'RECORD_MSR')
+            and not answer.success
+        ):
             raise RuleBrokenError('stop-refused', f'{given} in {before}: {answer}')
         opinion = judge(before, facts, kind, number)
-        objected = objection(before, facts, given, now, opinion)
+        objected = objection(before, facts, given, opinion)
         if answer.success is bool(objected):
             raise RuleBrokenError(objected or 'availability', f'{given} in {before}: {answer}')
         if not answer.success:
@@ -963,26 +916,28 @@ def check_input(
                 raise RuleBrokenError('refused-changes', f'{given}: {before} became {after}')
             _check_refusal(race, before, given, opinion, answer.message, objected == 'pause')
             return facts
-    _check_safety(before, facts, given, outcome, after, now, race.times)
+    _check_safety(before, facts, given, outcome, after, race.times)
     _check_events(race, before, given, outcome, after)
-    memory = learn(before, facts, given, after, now)
-    if what in ('connected', 'disconnected') and not is_cut_off(before, given, now):
+    memory = learn(
+        before, facts, given, after, race.memory().gridded if what is inputs.Saved else 0
+    )
+    if what in (inputs.Connected, inputs.Disconnected) and not is_cut_off(before, given):
         _check_alarms(
-            what,
+            given,
             expect_alerts(before, now, race.times),
             {(alert.kind.name, alert.kart) for alert in race.alerts(now)},
         )
     for kart, known in zip(after.karts, memory.karts, strict=True):
         if kart.sent is GREEN_GREEN and known.phase != 2:
             raise RuleBrokenError('red-to-green', f'{kart} {known}')
-    expected = expect(before, given, now, race.times)
+    expected = expect(before, given, race.times)
     for kart, wanted in zip(after.karts, expected.karts, strict=True):
         if kart == wanted or kart._replace(serial=wanted.serial) == wanted:
             continue
         differs = kart.acknowledged != wanted.acknowledged
         broken = {
             'sent-wrong': kart.sent is not wanted.sent,
-            'ack-deaf': differs and wanted.acknowledged and what == 'heard',
+            'ack-deaf': differs and wanted.acknowledged and what is inputs.Heard,
             'ack-old': differs,
             'effect': True,
         }
@@ -998,26 +953,27 @@ def _is_unknown(view: View) -> bool:
     return view.state is RED_RED and all_red and open_to_worst
 
 
-def _check_events(race: Any, before: View, given: Input, outcome: Any, after: View) -> None:
+def _check_events(race: Any, before: View, given: Any, outcome: Any, after: View) -> None:
     """Check what is told: why the state of the race changed, who has answered, and who won."""
+    kind = _about(given)[1]
     told: dict[str, list[Any]] = defaultdict(list)
     for event in outcome.events:
         told[event.kind.name].append(event)
     changes, results = told['RACE_STATE'], [event.text for event in told['ORDER_OF_FINISH']]
-    official = given.what == 'command' and (given.kind, OFFICIAL)
+    official = (kind, OFFICIAL) if kind else False
     cause = race.state_cause
     wrong = len(changes) != (after.state is not before.state)
     for event in changes:
         named = event.command is not None and (event.command.name, event.official)
         wrong |= named != official or not cause or cause not in event.text
-        wrong |= f'{given.kind} by {OFFICIAL}' not in cause if official else OFFICIAL in cause
+        wrong |= f'{kind} by {OFFICIAL}' not in cause if official else OFFICIAL in cause
     answered = all(
         (kart.acknowledged and (_stands(kart) or not _red(kart))) or _is_covered(after, kart)
         for kart in (after.karts if told['ALL_ACKNOWLEDGED'] else ())
         if kart.in_race and kart.connected
     )
     # The order of FINISH comes once, with every kart that started.
-    ends = given.kind in ('RACE_OVER', 'IN_GARAGE') or (after.over and not before.over)
+    ends = kind in ('RACE_OVER', 'IN_GARAGE') or (after.over and not before.over)
     due = bool(before.starters) and ends
     complete = len(results) == due and not (due and after.starters)
     for text in results:
@@ -1030,7 +986,7 @@ def _check_events(race: Any, before: View, given: Input, outcome: Any, after: Vi
             if kart.number in before.starters
         )
     broken: dict[str, Any] = {
-        'told-first': given.what == 'command' and outcome.events[0].kind.name != 'COMMAND',
+        'told-first': kind and outcome.events[0].kind.name != 'COMMAND',
         'cause': wrong,
         'false-news': not answered,
         'results': not complete,
@@ -1041,25 +997,24 @@ def _check_events(race: Any, before: View, given: Input, outcome: Any, after: Vi
 def _check_safety(
     before: View,
     facts: Facts,
-    given: Input,
+    given: Any,
     outcome: Any,
     after: View,
-    now: float,
     times: Any,
 ) -> None:
     """Check the S rules that need no expectation of the effect."""
-    what, kind, number = given.what, given.kind, given.kart
+    (what, kind, number), now = _about(given), given.at
     least = RED_FLAG if kind == 'RED_FLAG' else RED_RED
 
     def acts(**apart: Any) -> bool:
         return bool(outcome.orders) or after._replace(**apart) != before
 
     broken: dict[str, Any] = {
-        'cut-off': is_cut_off(before, given, now) and not _is_unknown(after),
-        'nobody-there': what == 'tick'
+        'cut-off': is_cut_off(before, given) and not _is_unknown(after),
+        'nobody-there': what is inputs.Tick
         and after.state in IN_MOTION
         and is_abandoned(before, now, times),
-        'there-acts': what == 'there'
+        'there-acts': what is inputs.Attended
         and acts(there=before.there, nobody_since=before.nobody_since),
         'track-open-in-motion': after.track_open and after.state in IN_MOTION,
         'stop-idempotent': kind in STOPS
@@ -1073,7 +1028,7 @@ def _check_safety(
         earlier = ordered.setdefault(order.kart, order)
         # A finish and the end of the race may fall due together: then the last order counts.
         stricter = order.serial > earlier.serial and RANK[order.state] > RANK[earlier.state]
-        if earlier is not order and not (what == 'tick' and stricter):
+        if earlier is not order and not (what is inputs.Tick and stricter):
             raise RuleBrokenError('order-wrong', f'two orders to one kart: {outcome.orders}')
         ordered[order.kart] = order
     for old, kart, known in zip(before.karts, after.karts, facts.karts, strict=True):
@@ -1082,8 +1037,11 @@ def _check_safety(
             continue
         was, sent = old.sent, kart.sent
         looser, was_red = RANK[sent] < RANK[was], _red(old)
-        anew, drops = this and what == 'connected', this and what in ('connected', 'disconnected')
-        heard = this and what == 'heard' and old.connected
+        anew, drops = (
+            this and what is inputs.Connected,
+            this and what in (inputs.Connected, inputs.Disconnected),
+        )
+        heard = this and what is inputs.Heard and old.connected
         answers = heard and given.state is was and given.serial == old.serial
         unasked = heard and given.state is not was
         by_hand = this and kind == 'KART_IN_GARAGE'
@@ -1093,15 +1051,15 @@ def _check_safety(
         falls = old.hold and (kart.hold is None or RANK[kart.hold] < RANK[old.hold])
         goes_home = (old.connected and _stands(old)) or _is_away(old) or _is_covered(before, old)
         flag, flag_now = old.flag_at, kart.flag_at
-        flagged = home or by_hand or undone or (what == 'tick' and _red(kart))
+        flagged = home or by_hand or undone or (what is inputs.Tick and _red(kart))
         seen = unasked and (given.state is GREEN_GREEN or (old.acknowledged and was_red))
         told = order and (order.state is GREEN_GREEN or order.state in REDS)
         gridded = order and order.state is GRID_ACTIVE
         sent_home = order and order.state is IN_GARAGE and not old.moving
         may_stand = was_red and (
-            answers or (what == 'tick' and old.acknowledged and old.connected)
+            answers or (what is inputs.Tick and old.acknowledged and old.connected)
         )
-        stood = known.stood if what != 'heard' else known.stood or now
+        stood = known.stood if what is not inputs.Heard else known.stood or now
         acknowledges = kart.acknowledged and not old.acknowledged
         broken = {
             'stop-loosens': looser and kind in STOPS,
@@ -1133,7 +1091,7 @@ def _check_safety(
             or (kart.connected and bool(order) is (kart.serial == old.serial)),
             'ack-survives': kart.acknowledged
             and (anew or sent is not was or order or not kart.connected),
-            'ack-from-nothing': acknowledges and not (this and what == 'heard'),
+            'ack-from-nothing': acknowledges and not (this and what is inputs.Heard),
             'ack-old': acknowledges and not answers,
             'stop-at-once': (
                 not held
@@ -1150,15 +1108,15 @@ def _check_safety(
 MSR_ALERTS = ('FLAG_UNACKNOWLEDGED', 'RED_UNACKNOWLEDGED', 'LOST_IN_MOTION', 'TRACK_UNSAFE')
 
 
-def _check_alarms(what: str, before: set[tuple[str, int]], after: set[tuple[str, int]]) -> None:
+def _check_alarms(given: Any, before: set[tuple[str, int]], after: set[tuple[str, int]]) -> None:
     """Check that what a kart's connection does ends no alarm, nor makes one less urgent."""
     for kind, kart in before:
         same = [other for other, number in after if number == kart]
         urgent = kind in MSR_ALERTS
         if urgent and not any(other in MSR_ALERTS for other in same):
-            raise RuleBrokenError('alarm-cleared', f'{what}: {before} became {after}')
-        if what == 'disconnected' and not same and kind != 'LINK_POOR':
-            raise RuleBrokenError('alarm-cleared', f'{what}: {before} became {after}')
+            raise RuleBrokenError('alarm-cleared', f'{given}: {before} became {after}')
+        if type(given) is inputs.Disconnected and not same and kind != 'LINK_POOR':
+            raise RuleBrokenError('alarm-cleared', f'{given}: {before} became {after}')
 
 
 def check_recovery(
@@ -1217,7 +1175,7 @@ def check_recovery(
     starters = tuple(number for number in view.starters * known if number in remembered)
     races = int(bool(starters))
     known_now = fresh._replace(starters=starters, number=races, grids=races, karts=tuple(found))
-    wanted = expect(known_now, Input('cut off', statement=True), now, race.times)._replace(
+    wanted = expect(known_now, inputs.CutOff(now, 'no cable'), race.times)._replace(
         cut_off_by='',
         # What was sent to the last run is not taken.
         paused_until=now + max(race.times.pause, race.times.pause_after_stall),
@@ -1246,28 +1204,29 @@ def _in_force(view: View, kind: str, number: int) -> bool:
 
 
 def _check_refusal(
-    race: Any, view: View, given: Input, opinion: Judgement, message: str, late: bool
+    race: Any, view: View, given: inputs.Commanded, opinion: Judgement, message: str, late: bool
 ) -> None:
     """
     Check that a refusal says what an official can act on.
 
     :param late: a pause refuses it.
     """
-    if not message.startswith(f'{given.kind} refused: ') or message.endswith('refused: .'):
+    kind, of = given.command.kind.name, given.command
+    if not message.startswith(f'{kind} refused: ') or message.endswith('refused: .'):
         raise RuleBrokenError('refusal-silent', message)
     named = opinion.culprits[:3]
-    known = given.heat in [heat.name for heat in race.heats]
-    heats = race.heats if given.kind == 'SET_HEAT' and opinion.allowed and not known else ()
+    known = of.heat in [heat.name for heat in race.heats]
+    heats = race.heats if kind == 'SET_HEAT' and opinion.allowed and not known else ()
     if any(heat.name not in message for heat in heats):
         raise RuleBrokenError('refusal-silent', f'{message} does not name the heats')
-    if late or (given.kind in LOOSENING and (view.has_rival or view.cut_off_by)):
+    if late or (kind in LOOSENING and (view.has_rival or view.cut_off_by)):
         return
-    if given.kind in KART_COMMANDS and 'the race is in' not in message:
-        named = (given.kart,)
+    if kind in KART_COMMANDS and 'the race is in' not in message:
+        named = (of.kart,)
     elif (
         opinion.allowed
         and 'changed since you looked' in message
-        and any(str(number) not in message for number in given.karts ^ set(opinion.karts))
+        and any(str(number) not in message for number in of.karts ^ set(opinion.karts))
     ):
         raise RuleBrokenError('refusal-silent', f'{message} does not name the difference')
     for number in named:
@@ -1337,7 +1296,7 @@ def check_announced(
 # ----- the exhaustive search --------------------------------------------------------------
 
 
-Saved = tuple[dict[str, Any], list[tuple[Any, ...]]]
+Loaded = tuple[dict[str, Any], list[tuple[Any, ...]]]
 Key = tuple[int, ...]
 
 
@@ -1359,14 +1318,14 @@ class Scratch:
             name for name in self._fields if isinstance(race.__dict__[name], (list, dict))
         ]
 
-    def save(self) -> Saved:
+    def save(self) -> Loaded:
         own = self.race.__dict__
         fields = {name: own[name] for name in self._fields}
         for name in self._holders:
             fields[name] = fields[name].copy()
         return fields, [self._getter(kart) for kart in self.karts]
 
-    def load(self, saved: Saved) -> None:
+    def load(self, saved: Loaded) -> None:
         fields, karts = saved
         own = self.race.__dict__
         own.update(fields)
@@ -1436,7 +1395,7 @@ class Search:
     :param begin: where: in the 'garage', on the 'grid' or in 'green' with every kart of the race
         connected and its word given, after a 'crash' in mid-race, or in a race without its karts,
         which were 'lost on the grid', where all is 'unknown', or at the 'first' start.
-    :param then: what happens before the search begins; each tick takes 1 s.
+    :param then: what happens before the search begins.
     :param uninspected: the karts whose inspection the roster does not have.
     :param without: commands that are not given.
     :param heats: which heat is in the race is looked at; two have all karts.
@@ -1458,7 +1417,7 @@ class Search:
     without: Container[str] = ()
     waits: bool = False
     heats: bool = False
-    then: Iterable[Input] = ()
+    then: Iterable[inputs.Input] = ()
 
     def __post_init__(self) -> None:
         rules, waits = self.rules, self.waits
@@ -1584,7 +1543,9 @@ class Search:
         key = self._key(view, facts, now)
         # For each key the state that stands for it, and whence and by what it was reached.
         self._seen: dict[tuple[Any, ...], tuple[Any, Facts, float]] = {key: (saved, facts, now)}
-        self._parent: dict[tuple[Any, ...], tuple[tuple[Any, ...], Input] | None] = {key: None}
+        self._parent: dict[tuple[Any, ...], tuple[tuple[Any, ...], inputs.Input] | None] = {
+            key: None
+        }
         todo = deque([key])
         # There is no cycle to collect, and ever more to look through.
         collecting = gc.isenabled()
@@ -1612,37 +1573,35 @@ class Search:
         facts = remember(look(self.race))
         if not self.heats:
             facts = facts._replace(heat=None)
-        way = []
+        way: list[inputs.Input] = []
         if self.begin in ('grid', 'green'):
-            way += [Input('connected', '', number) for number in self.numbers]
-            way.append(Input('command', 'GRID_ACTIVE', 0, True))
-            way += [
-                Input('heard', '', number, serial=2, state=GRID_ACTIVE) for number in self.numbers
-            ]
+            way += [inputs.Connected(0.0, number) for number in self.numbers]
+            way.append(command('GRID_ACTIVE', 0, True))
+            way += [inputs.Heard(0.0, number, 2, GRID_ACTIVE) for number in self.numbers]
         if self.begin == 'green':
-            way.append(Input('command', 'GREEN_GREEN'))
+            way.append(command('GREEN_GREEN'))
         now = 0.0
         for given in (*way, *self.then):
             before = look(self.race)
-            now += given.what == 'tick'
-            _, facts, _ = self._take(before, facts, as_seen(before, given), now)
+            now = given.at
+            _, facts, _ = self._take(before, facts, as_seen(before, given))
         return facts, now
 
-    def _take(
-        self, view: View, facts: Facts, given: Input, now: float
-    ) -> tuple[bool, Facts, View]:
+    def _take(self, view: View, facts: Facts, given: inputs.Input) -> tuple[bool, Facts, View]:
         """
         Give an input to the rules, and tell them that it is on the disk if that is so at once.
 
         :return: whether it was accepted, or is no command; what is remembered and seen then.
         """
         race = self.race
-        outcome = give(race, given, now)
+        outcome = inputs.feed(given, race)
         after = look(race)
-        facts = check_input(race, view, facts, given, outcome, after, now)
+        facts = check_input(race, view, facts, given, outcome, after)
         accepted = outcome.answer is None or outcome.answer.success
         if not (facts.saved or self.waits):
-            _, facts, after = self._take(after, facts, Input('saved'), now)
+            _, facts, after = self._take(
+                after, facts, inputs.Saved(given.at, race.memory().gridded)
+            )
         return accepted, facts, after
 
     def _run(self, todo: deque[Key], most: int | None) -> Report:
@@ -1658,8 +1617,8 @@ class Search:
         self.report.finished = True
         return self.report
 
-    def _way(self, key: tuple[Any, ...]) -> list[Input]:
-        way: list[Input] = []
+    def _way(self, key: tuple[Any, ...]) -> list[inputs.Input]:
+        way: list[inputs.Input] = []
         step = self._parent[key]
         while step is not None:
             way.append(step[1])
@@ -1676,104 +1635,103 @@ class Search:
         known = bool(report.states % 3)
         last_run = [*self.rules.LastRun][report.states % 4]
         check_recovery(self.rules, race, view, now, known, last_run)
-        for given, after_time in self._inputs(view, facts, now):
+        for given in self._inputs(view, facts, now):
             report.inputs += 1
-            accepted, learned, after = self._take(view, facts, given, after_time)
-            if not accepted and given.what == 'command':
+            accepted, learned, after = self._take(view, facts, given)
+            if not accepted:
                 report.refusals += 1
-                if given.kind not in STOPS and scratch.save() != saved:
-                    raise RuleBrokenError('refused-changes', f'{given} in {view}')
-                if given.kind not in STOPS:
+                if given.command.kind.name not in STOPS:
+                    if scratch.save() != saved:
+                        raise RuleBrokenError('refused-changes', f'{given} in {view}')
                     continue
             report.transitions += 1
-            if after == view and learned == facts and after_time == now:
+            if after == view and learned == facts and given.at == now:
                 # It changed nothing but what was reported and told; nor, unseen, the last button
                 # or what counts as saved.
-                if given.what in ('command', 'saved'):
+                if isinstance(given, inputs.Commanded | inputs.Saved):
                     check_announced(race, after, facts, 'GREEN_GREEN', 0, now)
                 scratch.load(saved)
                 continue
-            check_state(race, after, learned, after_time)
-            found = self._key(after, learned, after_time)
+            check_state(race, after, learned, given.at)
+            found = self._key(after, learned, given.at)
             if found == key and after == view:
                 pass  # time that brings nothing nearer
             elif found not in self._seen:
-                self._seen[found] = (scratch.save(), learned, after_time)
+                self._seen[found] = (scratch.save(), learned, given.at)
                 self._parent[found] = (key, given)
                 todo.append(found)
             else:
                 self._met += 1
                 if self.compare and self._met % self.compare == 0:
-                    self._compare(found, (scratch.save(), learned, after_time))
+                    self._compare(found, (scratch.save(), learned, given.at))
             scratch.load(saved)
         if _in_force(view, 'ALL_KILL', 0):
             # From every other state ALL_KILL leads to one of these, and is never refused.
             self._check_homeward(saved, now)
 
-    def _inputs(self, view: View, facts: Facts, now: float) -> Any:
-        """Yield every input with its time; the rules are in the state of ``view`` meanwhile."""
+    def _inputs(self, view: View, facts: Facts, now: float) -> Iterator[Any]:
+        """Yield every input; the rules are in the state of ``view`` meanwhile."""
         for kind, number in self.commands:
             opinion = check_announced(self.race, view, facts, kind, number, now)
             if kind in ('READ_ROSTER', 'TAKE_ROSTER'):
                 continue
             if kind == 'SET_HEAT':
                 for heat in view.heats if opinion.allowed else view.heats[:1]:
-                    yield Input('command', kind, heat=heat.name), now
-                yield Input('command', kind, heat='no such heat'), now
+                    yield command(kind, at=now, heat=heat.name)
+                yield command(kind, at=now, heat='no such heat')
                 continue
-            right = as_seen(view, Input('command', kind, number, True))
+            right: Any = as_seen(view, command(kind, number, True, now))
             if opinion.allowed and opinion.needs_statement:
-                yield right._replace(statement=False), now
-            yield right, now
+                yield but(right, statement=False)
+            yield right
             if kind == 'ALL_KILL':  # whatever it names
-                yield right._replace(finish=('another run', 1, 1)), now
+                yield but(right, run='another run', race=1, attempt=1)
             if opinion.allowed and not opinion.needs_statement:
-                yield right._replace(statement=False), now
+                yield but(right, statement=False)
             if opinion.allowed and kind in NAMING:
-                yield right._replace(karts=right.karts ^ {self.numbers[-1]}), now
+                yield but(right, karts=right.command.karts ^ {self.numbers[-1]})
             if opinion.allowed and kind == 'GRID_ACTIVE':
-                yield right._replace(opening=right.opening - 1), now
+                yield but(right, opening=view.opening - 1)
             if opinion.allowed and kind == 'KART_FINISH':
-                for named in finishes(view, number):
-                    yield right._replace(finish=named), now
+                for run, race, attempt in finishes(view, number):
+                    yield but(right, run=run, race=race, attempt=attempt)
             if opinion.allowed and kind == 'KART_IN_GARAGE':
-                yield right._replace(hold=RED_RED if right.hold is None else None), now
+                yield but(right, hold=RED_RED if right.command.hold is None else None)
             if self.waits and kind in LOOSENING:
-                yield right._replace(came=view.paused_until - 0.5), now
+                yield right._replace(came=view.paused_until - 0.5)
         for kart in view.karts:
+            number = kart.number
             for state in RaceState:
-                yield Input('heard', '', kart.number, serial=kart.serial, state=state), now
+                yield inputs.Heard(now, number, kart.serial, state)
             for state in (kart.sent, GREEN_GREEN):
-                yield Input('heard', '', kart.number, serial=kart.serial - 1, state=state), now
-            yield Input('connected', '', kart.number), now
-            yield Input('disconnected', '', kart.number), now
-            if self.silence:
-                yield Input('disconnected', '', kart.number, True), now
+                yield inputs.Heard(now, number, kart.serial - 1, state)
+            yield inputs.Connected(now, number)
+            for silent in (False, True) if self.silence else (False,):
+                yield inputs.Disconnected(now, number, GONE, silent)
             if self.network:
-                yield Input('contested', '', kart.number, not kart.contested), now
-        for cut in (True, False) if self.network else ():
-            yield Input('cut off', statement=cut), now
+                yield inputs.Contested(now, number, not kart.contested)
+        for reason in ('no cable', '') if self.network else ():
+            yield inputs.CutOff(now, reason)
         if self.around:
             for kart in view.karts:
-                yield Input('delivered', '', kart.number, serial=kart.serial), now
-                yield Input('measured', '', kart.number, statement=True), now
-                yield Input('measured', '', kart.number), now
-            for there in (True, False):
-                yield Input('rival', statement=there), now
-                yield Input('record', statement=there), now
-        if self.people:
-            for kind, able in (('', True), ('fault', True), ('', False)):
-                yield Input('there', kind, statement=able), now
+                yield inputs.Delivered(now, kart.number, kart.serial, now)
+                yield inputs.Measured(now, kart.number, POOR)
+                yield inputs.Measured(now, kart.number, GOOD)
+            for present, trouble in ((True, 'the disk is full'), (False, '')):
+                yield inputs.Rival(now, present)
+                yield inputs.RecordTrouble(now, trouble)
+        for there in (ANNA, ANNA._replace(button_fault='is gone'), NOBODY) if self.people else ():
+            yield inputs.Attended(now, there)
         if self.waits:
-            yield Input('held up'), now
-            yield Input('saved'), now
-            yield Input('saved', 'stale'), now
-        yield Input('tick'), now
-        yield Input('tick'), now + 1.0
+            yield inputs.Stalled(now, 2.0)
+            for gridded in (self.race.memory().gridded, self.race.memory().gridded - 1):
+                yield inputs.Saved(now, gridded)
+        yield inputs.Tick(now)
+        yield inputs.Tick(now + 1.0)
 
     def _command(self, kind: str, now: float, number: int = 0) -> Any:
-        given = as_seen(look(self.race), Input('command', kind, number, True))
-        return give(self.race, given, now)
+        given = as_seen(look(self.race), command(kind, number, True, now))
+        return inputs.feed(given, self.race)
 
     def _check_homeward(self, saved: Any, now: float) -> None:
         """Bring the race home with karts that answer, with karts that never do, and by the MSR."""
@@ -1806,7 +1764,7 @@ class Search:
             if kart.in_race is (kart.number in barred):
                 self._command('LEAVE_RACE' if kart.in_race else 'JOIN_RACE', later, kart.number)
         self._command('CLOSE_TRACK', later)
-        give(race, Input('there', statement=True), later)
+        race.attended(ANNA, later)
         if not self._command('GRID_ACTIVE', later + 10.0).answer.success:
             raise RuleBrokenError('stuck', f'no new race: {look(race)}')
         begin()
@@ -1815,7 +1773,7 @@ class Search:
         self._check_home(self._command('IN_GARAGE', later))
         begin()
         for number in self.numbers:
-            race.disconnected(number, 'end of file', now)
+            race.disconnected(number, GONE, now)
         self._command('RECORD_MSR', now)
         allowed = race.track_access().allowed
         if not allowed or not self._command('IN_GARAGE', later).answer.success:
@@ -1844,8 +1802,8 @@ class Search:
         successors: Counter[tuple[Any, ...]] = Counter()
         self.scratch.load(saved)
         view = look(self.race)
-        for given, after_time in self._inputs(view, facts, now):
-            _, learned, after = self._take(view, facts, given, after_time)
-            successors[self._key(after, learned, after_time)] += 1
+        for given in self._inputs(view, facts, now):
+            _, learned, after = self._take(view, facts, given)
+            successors[self._key(after, learned, given.at)] += 1
             self.scratch.load(saved)
         return successors

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from types import ModuleType
 from typing import Any
 
-from evgp_rcs.rules import race
+from evgp_rcs.rules import inputs, race
 import pytest
 import race_oracle as oracle
 from rig.faults import faults_in, module_with
@@ -25,28 +25,25 @@ AT_ONCE = {'settle_time': 0.0}
 ALL_OF_ONE = oracle.KART_COMMANDS
 
 ONE_SILENT = (
-    oracle.Input('connected', '', 1),
-    oracle.Input('connected', '', 2),
-    oracle.Input('disconnected', '', 1, True),
+    inputs.Connected(0.0, 1),
+    inputs.Connected(0.0, 2),
+    inputs.Disconnected(0.0, 1, oracle.GONE, True),
 )
-ON_THE_GRID = oracle.Input('command', 'GRID_ACTIVE', 0, True)
+ON_THE_GRID = oracle.command('GRID_ACTIVE', 0, True)
 
-ANNA = oracle.Input('there', statement=True)
-NOBODY = oracle.Input('there')
+ANNA = inputs.Attended(0.0, oracle.ANNA)
+NOBODY = inputs.Attended(0.0, oracle.NOBODY)
 
 UNDONE_AND_HOME = (
-    oracle.Input('command', 'KART_FINISH', 1),
-    oracle.Input('command', 'KART_UNDO_FINISH', 1, True),
-    oracle.Input('command', 'RACE_OVER'),
-    oracle.Input('command', 'KART_IN_GARAGE', 1, True),
-    oracle.Input('command', 'IN_GARAGE', 0, True),
-    oracle.Input('command', 'JOIN_RACE', 1),
+    oracle.command('KART_FINISH', 1),
+    oracle.command('KART_UNDO_FINISH', 1, True),
+    oracle.command('RACE_OVER'),
+    oracle.command('KART_IN_GARAGE', 1, True),
+    oracle.command('IN_GARAGE', 0, True),
+    oracle.command('JOIN_RACE', 1),
 )
 
-HOME_AND_AGAIN = (
-    oracle.Input('command', 'IN_GARAGE', 0, True),
-    oracle.Input('command', 'GRID_ACTIVE', 0, True),
-)
+HOME_AND_AGAIN = (oracle.command('IN_GARAGE', 0, True), ON_THE_GRID)
 
 World = tuple[int, dict[str, Any]]
 
@@ -70,9 +67,7 @@ WORLDS = {
     'first': world(60, 1, 0, 'first'),
     'silence on the grid': world(60, 1, 1, 'grid', silence=True, times=AT_ONCE),
     'silence in the garage': world(150, 1, 1, silence=True, then=ONE_SILENT),
-    'silence for long': world(
-        5, 1, 1, silence=True, then=(*ONE_SILENT, *[oracle.Input('tick')] * 3)
-    ),
+    'silence for long': world(5, 1, 1, silence=True, then=(*ONE_SILENT, inputs.Tick(3.0))),
     'silence outside': world(10, 1, 1, silence=True, then=(*ONE_SILENT, ON_THE_GRID)),
     'unknown outside': world(150, 0, 1, 'unknown', times={'settle_time': 2.0}),
     'waits': world(150, 1, 1, 'grid', waits=True, times=AT_ONCE),

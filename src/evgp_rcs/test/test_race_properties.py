@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from evgp_protocol.states import RaceState
+from evgp_rcs.rules import inputs
 from evgp_rcs.rules import race as rules
 from hypothesis import settings
 from hypothesis import strategies as st
@@ -49,6 +51,19 @@ TIMES = st.builds(
 )
 
 
+RARELY = st.sampled_from((False, False, True))
+
+
+def gives(kind: Any, *fields: st.SearchStrategy[Any]) -> Callable[..., None]:
+    """Return a rule that gives inputs of a kind, with any such fields behind the time."""
+
+    def give(self: Races, given: Any) -> None:
+        self.give(given)
+
+    give.__name__ = kind.__name__  # by which Hypothesis leaves some rules out of a race
+    return rule(given=st.builds(kind, st.just(0.0), *fields))(give)
+
+
 class Races(RuleBasedStateMachine):
     """Officials, karts and time do what they like; the oracle judges every single input."""
 
@@ -81,32 +96,45 @@ class Races(RuleBasedStateMachine):
         self.now = now
         self.facts = oracle.remember(oracle.look(self.race))
         for number in self.race.karts if linked else ():
-            self.give(oracle.Input('connected', '', number))
+            self.give(inputs.Connected(now, number))
 
-    def give(self, given: oracle.Input, blind: bool = False) -> Any:
+    def kart(self, number: int) -> int:
+        """Return the number of a kart of the roster: this one, if it has it."""
+        return 1 + (number - 1) % len(self.race.karts)
+
+    def give(self, given: Any, blind: bool = False) -> None:
         """
-        Give one input, to a kart of the roster, and put every question to the oracle.
+        Give one input, which comes now to a kart of the roster, and ask the oracle everything.
 
         :param blind: the official does not see the race as it is.
         """
-        if given.kart > len(self.race.karts):
-            given = given._replace(kart=1 + given.kart % len(self.race.karts))
+        if not isinstance(given, inputs.Commanded):
+            given = given._replace(at=self.now)
+            if hasattr(given, 'kart'):
+                given = given._replace(kart=self.kart(given.kart))
         before = oracle.look(self.race)
         if not blind:
             given = oracle.as_seen(before, given)
-        if given.what == 'command':
-            oracle.check_announced(self.race, before, self.facts, given.kind, given.kart, self.now)
-        outcome = oracle.give(self.race, given, self.now)
+        if isinstance(given, inputs.Commanded):
+            kind, kart = given.command.kind.name, given.command.kart
+            oracle.check_announced(self.race, before, self.facts, kind, kart, self.now)
+        outcome = inputs.feed(given, self.race)
         after = oracle.look(self.race)
-        self.facts = oracle.check_input(
-            self.race, before, self.facts, given, outcome, after, self.now
-        )
+        self.facts = oracle.check_input(self.race, before, self.facts, given, outcome, after)
         oracle.check_state(self.race, after, self.facts, self.now)
-        return outcome
+
+    def command(
+        self, kind: str, kart: int = 0, statement: bool = True, blind: bool = False, **fields: Any
+    ) -> None:
+        kart = self.kart(kart) if kind in oracle.KART_COMMANDS else 0
+        self.give(oracle.command(kind, kart, statement, self.now, **fields), blind)
+
+    def save(self, stale: bool = False) -> None:
+        self.give(inputs.Saved(self.now, self.race.memory().gridded - stale))
 
     def let_pass(self, step: float) -> None:
         self.now += step
-        self.give(oracle.Input('tick'))
+        self.give(inputs.Tick(self.now))
 
     def let_the_pause_pass(self) -> None:
         self.now = max(self.now, self.race.paused_until)
@@ -120,11 +148,11 @@ class Races(RuleBasedStateMachine):
 
     @rule(kind=st.sampled_from(oracle.RACE_COMMANDS), statement=st.booleans(), heat=HEATS)
     def command_race(self, kind: str, statement: bool, heat: str) -> None:
-        self.give(oracle.Input('command', kind, statement=statement, heat=heat))
+        self.command(kind, 0, statement, heat=heat)
 
     @rule(kind=st.sampled_from(oracle.KART_COMMANDS), kart=KARTS, statement=st.booleans())
     def command_kart(self, kind: str, kart: int, statement: bool) -> None:
-        self.give(oracle.Input('command', kind, kart, statement))
+        self.command(kind, kart, statement)
 
     @rule(
         kind=st.sampled_from((*oracle.NAMING, 'KART_IN_GARAGE')),
@@ -135,11 +163,8 @@ class Races(RuleBasedStateMachine):
     def command_without_a_look(
         self, kind: str, kart: int, karts: frozenset[int], hold: RaceState | None
     ) -> None:
-        if kind == 'KART_IN_GARAGE':
-            given = oracle.Input('command', kind, kart, True, hold=hold)
-        else:
-            given = oracle.Input('command', kind, statement=True, karts=karts)
-        self.give(given, blind=True)
+        named = {'hold': hold} if kind == 'KART_IN_GARAGE' else {'karts': karts}
+        self.command(kind, kart, blind=True, **named)
 
     @rule(data=st.data())
     def command_what_is_allowed(self, data: st.DataObject) -> None:
@@ -156,8 +181,7 @@ class Races(RuleBasedStateMachine):
             if oracle.judge(view, self.facts, kind, number).allowed
         ]
         kind, number = data.draw(st.sampled_from(allowed))
-        heat = data.draw(HEATS)
-        self.give(oracle.Input('command', kind, number, True, heat=heat))
+        self.command(kind, number, heat=data.draw(HEATS))
 
     @rule(kart=st.integers(MOST_KARTS + 1, 300), kind=st.sampled_from(oracle.KART_COMMANDS))
     def command_a_kart_that_is_not_in_the_roster(self, kart: int, kind: str) -> None:
@@ -180,84 +204,77 @@ class Races(RuleBasedStateMachine):
         stop_short=st.sampled_from((0, 0, 0, 1, 2)),
         between=st.sampled_from(('', '', '', 'disconnected', 'KART_RED_FLAG')),
         kart=KARTS,
-        saved=st.sampled_from(('', '', '', 'stale', None)),
+        stale=st.sampled_from((False, False, False, True, None)),
     )
     def bring_a_race_under_way(
-        self, joining: set[int], stop_short: int, between: str, kart: int, saved: str | None
+        self, joining: set[int], stop_short: int, between: str, kart: int, stale: bool | None
     ) -> None:
-        self.give(oracle.Input('cut off'))
-        self.give(oracle.Input('rival', statement=False))
-        self.give(oracle.Input('record', statement=False))
+        self.give(inputs.CutOff(self.now, ''))
+        self.give(inputs.Rival(self.now, False))
+        self.give(inputs.RecordTrouble(self.now, ''))
         for number, each in self.race.karts.items():
-            self.give(oracle.Input('contested', '', number))
+            self.give(inputs.Contested(self.now, number, False))
             if not each.connected:
-                self.give(oracle.Input('connected', '', number))
+                self.give(inputs.Connected(self.now, number))
         if self.race.state is not RaceState.IN_GARAGE:
-            self.give(oracle.Input('command', 'ALL_KILL'))
+            self.command('ALL_KILL')
             self.let_every_kart_stop()
-            self.give(oracle.Input('command', 'IN_GARAGE', statement=True))
+            self.command('IN_GARAGE')
         for number, each in self.race.karts.items():
             if each.may_be_moving:
-                self.give(oracle.Input('command', 'KART_RED_RED', number))
+                self.command('KART_RED_RED', number)
             if each.hold is not None:
                 self.let_the_pause_pass()
-                self.give(oracle.Input('command', 'KART_IN_GARAGE', number, True))
+                self.command('KART_IN_GARAGE', number)
             if number in joining:
-                self.give(oracle.Input('command', 'JOIN_RACE', number))
-        self.give(oracle.Input('command', 'CLOSE_TRACK'))
+                self.command('JOIN_RACE', number)
+        self.command('CLOSE_TRACK')
         self.let_the_pause_pass()
-        self.give(oracle.Input('command', 'GRID_ACTIVE', statement=True))
+        self.command('GRID_ACTIVE')
         # All of them answer, or all but the last one or two.
         for number in list(self.race.karts)[: len(self.race.karts) - stop_short]:
             self.answer(number)
         if between == 'disconnected':
-            self.give(oracle.Input('disconnected', '', kart))
+            self.give(inputs.Disconnected(self.now, kart, oracle.GONE))
         elif between:
-            self.give(oracle.Input('command', between, kart))
-        self.give(oracle.Input('tick'))
-        if saved is not None:
-            self.give(oracle.Input('saved', saved))
-        self.give(oracle.Input('command', 'GREEN_GREEN', statement=True))
+            self.command(between, kart)
+        self.give(inputs.Tick(self.now))
+        if stale is not None:
+            self.save(stale)
+        self.command('GREEN_GREEN')
 
     @precondition(lambda self: self.race.state is RaceState.GREEN_GREEN)
     @rule(kart=KARTS, named=st.integers(0, 4), undo=st.booleans(), step=st.floats(0.0, 12.0))
     def finish(self, kart: int, named: int, undo: bool, step: float) -> None:
-        kart = 1 + kart % len(self.race.karts)
-        of = (None, *oracle.finishes(oracle.look(self.race), kart))[named]
-        self.give(oracle.Input('command', 'KART_FINISH', kart, finish=of))
+        kart = self.kart(kart)
+        run, number, attempt = (
+            ('', 0, 0),
+            *oracle.finishes(oracle.look(self.race), kart),
+        )[named]
+        self.command('KART_FINISH', kart, run=run, race=number, attempt=attempt)
         if undo:
-            self.give(oracle.Input('command', 'KART_UNDO_FINISH', kart, True))
+            self.command('KART_UNDO_FINISH', kart)
         self.let_pass(step)
 
     # ----- karts --------------------------------------------------------------------------
 
     def answer(self, number: int) -> None:
         kart = self.race.karts[number]
-        self.give(oracle.Input('heard', '', number, serial=kart.serial, state=kart.sent))
+        self.give(inputs.Heard(self.now, number, kart.serial, kart.sent))
 
-    @rule(kart=KARTS)
-    def connect(self, kart: int) -> None:
-        self.give(oracle.Input('connected', '', kart))
-
-    @rule(kart=KARTS)
-    def disconnect(self, kart: int) -> None:
-        self.give(oracle.Input('disconnected', '', kart))
+    connect = gives(inputs.Connected, KARTS)
+    disconnect = gives(inputs.Disconnected, KARTS, st.just(oracle.GONE))
+    is_measured = gives(inputs.Measured, KARTS, st.sampled_from((oracle.GOOD, oracle.POOR)))
 
     @rule(kart=KARTS, state=st.sampled_from(RaceState), age=st.integers(0, 3))
     def say(self, kart: int, state: RaceState, age: int) -> None:
-        number = 1 + kart % len(self.race.karts)
-        serial = self.race.karts[number].serial - age
-        self.give(oracle.Input('heard', '', number, serial=serial, state=state))
-
-    @rule(kart=KARTS, poor=st.booleans())
-    def a_link_is_measured(self, kart: int, poor: bool) -> None:
-        self.give(oracle.Input('measured', '', kart, statement=poor))
+        serial = self.race.karts[self.kart(kart)].serial - age
+        self.give(inputs.Heard(self.now, kart, serial, state))
 
     @rule(kart=KARTS, age=st.integers(0, 2))
     def an_order_has_arrived(self, kart: int, age: int) -> None:
-        number = 1 + kart % len(self.race.karts)
-        serial = self.race.karts[number].serial - age
-        self.give(oracle.Input('delivered', '', number, serial=serial))
+        serial = self.race.karts[self.kart(kart)].serial - age
+        self.give(inputs.Delivered(self.now, kart, serial, self.now))
 
     @rule()
     def every_kart_answers(self) -> None:
@@ -290,35 +307,25 @@ class Races(RuleBasedStateMachine):
             self.facts = oracle.recall(view, heat if known else '')
         oracle.check_state(self.race, view, self.facts, self.now)
 
-    @rule(cut=st.sampled_from((False, False, True)))
-    def race_control_is_cut_off_or_connected_again(self, cut: bool) -> None:
-        self.give(oracle.Input('cut off', statement=cut))
-
-    @rule(kart=KARTS, contested=st.sampled_from((False, False, True)))
-    def two_programs_connect_as_a_kart(self, kart: int, contested: bool) -> None:
-        self.give(oracle.Input('contested', '', kart, contested))
+    is_cut_off_or_not = gives(inputs.CutOff, st.sampled_from(('', '', 'no cable')))
+    two_programs_connect_or_not = gives(inputs.Contested, KARTS, RARELY)
+    another_race_control_comes_or_goes = gives(inputs.Rival, RARELY)
+    somebody_comes_or_goes = gives(
+        inputs.Attended,
+        st.builds(rules.Attendance, st.integers(0, 1), button_fault=st.sampled_from(('', 'x'))),
+    )
+    is_held_up = gives(inputs.Stalled, st.just(2.0))
+    the_record_fails_or_works = gives(inputs.RecordTrouble, st.sampled_from(('', 'no space')))
 
     @rule(karts=st.lists(KARTS, min_size=1), step=st.floats(0.0, 1.0))
     def karts_go_silent(self, karts: list[int], step: float) -> None:
         for kart in karts:
             self.now += step
-            self.give(oracle.Input('disconnected', '', kart, True))
+            self.give(inputs.Disconnected(self.now, kart, oracle.GONE, True))
 
-    @rule(present=st.sampled_from((False, False, True)))
-    def another_race_control_comes_or_goes(self, present: bool) -> None:
-        self.give(oracle.Input('rival', statement=present))
-
-    @rule(what=st.sampled_from(('', 'fault')), able=st.booleans())
-    def somebody_comes_or_goes(self, what: str, able: bool) -> None:
-        self.give(oracle.Input('there', what, statement=able))
-
-    @rule()
-    def race_control_is_held_up(self) -> None:
-        self.give(oracle.Input('held up'))
-
-    @rule(of=st.sampled_from(('', '', 'stale')))
-    def something_is_on_the_disk(self, of: str) -> None:
-        self.give(oracle.Input('saved', of))
+    @rule(stale=RARELY)
+    def something_is_on_the_disk(self, stale: bool) -> None:
+        self.save(stale)
 
     @rule(
         kind=st.sampled_from(oracle.LOOSENING),
@@ -330,12 +337,8 @@ class Races(RuleBasedStateMachine):
         self, kind: str, kart: int, before: float, of_the_pause: bool
     ) -> None:
         came = min(self.now, self.race.paused_until if of_the_pause else self.now) - before
-        kart = kart if kind in oracle.KART_COMMANDS else 0
-        self.give(oracle.Input('command', kind, kart, True, came=came))
-
-    @rule(failing=st.booleans())
-    def the_record_fails_or_works(self, failing: bool) -> None:
-        self.give(oracle.Input('record', statement=failing))
+        kart = self.kart(kart) if kind in oracle.KART_COMMANDS else 0
+        self.give(oracle.command(kind, kart, True, self.now)._replace(came=came))
 
     # ----- time ---------------------------------------------------------------------------
 
