@@ -10,7 +10,9 @@ What `survey_network` has in common with it is here, too.
 from __future__ import annotations
 
 from collections.abc import Callable
+import concurrent.futures
 import contextlib
+import functools
 import json
 import os
 import pathlib
@@ -21,6 +23,7 @@ import sys
 import time
 from typing import Any
 
+from evgp_inspection.cli import main
 from evgp_inspection.traces import Kind
 from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain, free_port
@@ -165,37 +168,41 @@ KILLED = {'K-3E-09', 'K-3E-10'}
 """The clauses of a kart whose wheels are turned by the very program that is to be killed."""
 
 
+GOOD: dict[str, tuple[Callable[[int, pathlib.Path], list[str]] | None, list[str], set[str]]] = {
+    'the bridge': (None, ROS, set()),
+    'the client of wire.md': (client, UDP, KILLED),
+    'the kit in C': (c_kit, UDP, KILLED),
+    'only a race': (client, [*UDP, '--race'], set()),
+}
+"""Karts, None for our bridge; options; clauses that cannot be judged."""
+
+
 @pytest.mark.early
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize(
-    ('kart', 'words', 'busy', 'not_judged'),
+    ('karts', 'busy'),
     [
-        pytest.param(None, ROS, 0, set(), id='bridge'),
-        # Also with a program on every core that does nothing but use it.
+        pytest.param([*GOOD], 0, id='all'),
+        # With a program on every core that does nothing but use it.
         pytest.param(
-            *(None, ROS, os.cpu_count() or 1, set()),
-            id='bridge-busy',
+            ['the bridge'],
+            os.cpu_count() or 1,
             marks=[pytest.mark.long, pytest.mark.alone],
+            id='bridge-busy',
         ),
-        pytest.param(client, UDP, 0, KILLED, id='client'),
-        pytest.param(c_kit, UDP, 0, KILLED, id='c-kit'),
-        pytest.param(client, [*UDP, '--race'], 0, set(), id='client-race'),
     ],
 )
 def test_a_good_kart_with_or_without_ros_passes_every_clause_but_that_nobody_kills_it(
-    kart: Callable[[int, pathlib.Path], list[str]] | None,
-    words: list[str],
-    busy: int,
-    not_judged: set[str],
-    tmp_path: pathlib.Path,
+    karts: list[str], busy: int, tmp_path: pathlib.Path
 ) -> None:
-    def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
+    def inspect(name: str, folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
         for _ in range(busy):
             parts.callback(Program('busy', [sys.executable, '-c', 'while True: pass']).kill)
         domain, udp = parts.enter_context(Domain()).number, free_port()
+        kart, words, _ = GOOD[name]
         given = [each.format(udp=udp, folder=tmp_path) for each in words]
         command = [*INSPECT, *SHORT, '--report', str(folder), *UNATTENDED, *given]
-        program = parts.enter_context(Program('inspect_kart', command, domain))
+        program = parts.enter_context(Program(f'inspect_kart: {name}', command, domain))
         if kart is None:
             start_bridge(parts, program, domain, tmp_path)
         else:
@@ -203,11 +210,19 @@ def test_a_good_kart_with_or_without_ros_passes_every_clause_but_that_nobody_kil
         program.process.wait(200)  # longer than other programs' ends
         return program.wait()
 
-    report, code = undisturbed(tmp_path, inspect)
-    assert those(report, 'fail') == {}
-    assert set(those(report, 'not judged')) == not_judged
-    assert (report['verdict'], code) == (('not judged', 2) if not_judged else ('pass', 0))
-    assert ('not an inspection' in ' '.join(report['remarks'])) is ('--race' in words)
+    # An inspection mostly waits, so all karts are inspected at the same time.
+    with concurrent.futures.ThreadPoolExecutor(len(karts)) as pool:
+        inspections = {
+            name: pool.submit(undisturbed, tmp_path / name, functools.partial(inspect, name))
+            for name in karts
+        }
+    for name, inspection in inspections.items():
+        report, code = inspection.result()
+        not_judged = GOOD[name][2]
+        assert those(report, 'fail') == {}, name
+        assert set(those(report, 'not judged')) == not_judged, name
+        assert (report['verdict'], code) == (('not judged', 2) if not_judged else ('pass', 0))
+        assert ('not an inspection' in ' '.join(report['remarks'])) is (name == 'only a race')
 
 
 class Inspector(Terminal):
@@ -317,19 +332,19 @@ def test_an_inspection_whose_terminal_is_closed_leaves_its_report(
         ['survey', '--word', 'ready', '--port', '99999'],
     ],
 )
-def test_a_wrong_use_is_told_and_nothing_begins(words: list[str], tmp_path: pathlib.Path) -> None:
+def test_a_wrong_use_is_told_and_nothing_begins(
+    words: list[str], tmp_path: pathlib.Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     program, *rest = words
-    more = SHORT if program == 'kart' else ['--port', '0']
-    done = subprocess.run(
-        [*PROGRAMS, program, *more, '--report', str(tmp_path), *rest],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 2
-    assert done.stderr
-    assert 'invalid literal' not in done.stderr  # which tells nobody what to type
-    assert 'on port' not in done.stdout
+    try:
+        code: object = main([program, '--port', '0', '--report', str(tmp_path), *rest])
+    except SystemExit as ended:
+        code = ended.code
+    shown, told = capfd.readouterr()
+    assert code == 2
+    assert told
+    assert 'invalid literal' not in told  # which tells nobody what to type
+    assert 'on port' not in shown
     assert not list(tmp_path.iterdir())
 
 
