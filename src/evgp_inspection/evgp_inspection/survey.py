@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The result of a network survey: figures, worst places and a verdict, as text and as JSON. Pure.
+The result of a network survey: figures, worst places and a verdict, as text. Pure.
 
 Each kart has a `LinkSurvey`, which receives events with their times. All times here are in
 seconds. All figures are about the kart's kernel, which answers before the kart's program does.
@@ -14,10 +14,8 @@ from collections.abc import Mapping, Sequence
 import dataclasses
 import datetime
 import itertools
-import json
 import math
 
-from evgp_inspection import VERSION
 from evgp_inspection.limits import SurveyLimits
 from evgp_inspection.traces import BEAT
 from evgp_inspection.verdicts import Verdict
@@ -289,29 +287,3 @@ class Report:
                 '',
             ]
         return '\n'.join([*lines, self.verdict.value.upper(), ''])
-
-    def as_json(self) -> str:
-        """Return the report as JSON, with every second."""
-        karts = {
-            address: {
-                'figures': [
-                    {**dataclasses.asdict(each), 'verdict': each.verdict.value}
-                    for each in kart.figures(self.limits, self.held_up)
-                ],
-                'worst_places': [dataclasses.asdict(each) for each in kart.worst_places()],
-                'losses': [{'at': at, 'why': why} for at, why in kart.losses],
-                'seconds': [dataclasses.asdict(each) for each in kart.seconds],
-            }
-            for address, kart in self.karts.items()
-        }
-        whole = {
-            'version': VERSION,
-            'verdict': self.verdict.value,
-            'began': self.began.isoformat(timespec='seconds'),
-            'seconds': self.seconds,
-            'held_up': self.held_up,
-            'limits': dataclasses.asdict(self.limits),
-            'marks': [dataclasses.asdict(each) for each in self.marks],
-            'karts': karts,
-        }
-        return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False)

@@ -93,17 +93,15 @@ class Surveyor:
     Sends IN_GARAGE to every kart that connects, and measures.
 
     :param tell: called with a sentence about each event.
-    :param kart_address: the only IPv4 address that counts; if empty, all of them count.
     :ivar karts: the surveys, by the karts' addresses.
     :ivar held_up: the maximum delay of this computer itself, in seconds.
     """
 
-    def __init__(self, tell: Callable[[str], None], kart_address: str = '') -> None:
+    def __init__(self, tell: Callable[[str], None]) -> None:
         self.karts: dict[str, LinkSurvey] = {}
         self.marks: list[Mark] = []
         self.held_up = 0.0
         self._tell = tell
-        self._kart_address = kart_address
         self._links: dict[str, Link] = {}
         self._began = clock_now()
 
@@ -173,11 +171,7 @@ class Surveyor:
             kart.second(now, 0.0 if link is None else link.answers.age(now))
 
     def opened(self, link: Link, address: str) -> None:
-        """Accept a new connection, which replaces an earlier one, or refuse it."""
-        if self._kart_address not in ('', address):
-            self._tell(f'Refused a connection from {address}, which is not the kart.')
-            link.transport.abort()
-            return
+        """Accept a new connection, which replaces an earlier one."""
         now = self.now
         if address in self._links:
             self._give_up(self._links[address], 'a new connection replaced it')
@@ -230,10 +224,9 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
         epilog='Exit codes: 0 passed; 2 not passed: a limit was broken, too little was measured, '
         'or wrong usage. To make a laptop a kart: ' + EXAMPLE,
     )
-    add = parser.add_argument
-    add('--kart-address', default='', help='the only IPv4 address that counts; default: all')
-    add('--word', default='', help=f'"{WORD}" confirms what the survey asks at the start')
-    add('--seconds', type=float, default=None, help='duration in seconds; default: until Ctrl-C')
+    parser.add_argument(
+        '--word', default='', help=f'"{WORD}" confirms what the survey asks at the start'
+    )
     options, limits = SurveyLimits.parse(parser, arguments, 'surveys')
     try:
         report = run(_survey(options, limits))
@@ -247,8 +240,8 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
     if report is None:
         print(f'The survey did not start: the word was not "{WORD}".', file=sys.stderr)
         return Verdict.NOT_JUDGED.exit_code
-    files = {'txt': report.text(), 'json': report.as_json()}
-    deliver(report.text().rstrip(), options.report, 'survey', report.began, files)
+    text = report.text()
+    deliver(text.rstrip(), options.report, 'survey', report.began, {'txt': text})
     return report.verdict.exit_code
 
 
@@ -262,7 +255,7 @@ class AtTerminal(Terminal):
 
 
 async def _survey(options: argparse.Namespace, limits: SurveyLimits) -> Report | None:
-    """Survey until a signal, Ctrl-D or the end of the time; None if the word was not typed."""
+    """Survey until a signal or Ctrl-D; None if the word was not typed."""
     stopping = stopped_by_signals()
     terminal = AtTerminal(stopping, options.word)
 
@@ -276,10 +269,8 @@ async def _survey(options: argparse.Namespace, limits: SurveyLimits) -> Report |
     with contextlib.closing(terminal), terminal.reading():
         if not await terminal.confirm(SURVEY_CONDITIONS):
             return None
-        if options.seconds is not None:
-            asyncio.get_running_loop().call_later(options.seconds, stopping.set)
         began = datetime.datetime.now().astimezone()
-        surveyor = terminal.surveyor = Surveyor(terminal.tell, options.kart_address)
+        surveyor = terminal.surveyor = Surveyor(terminal.tell)
         await surveyor.survey(
             options.listen,
             options.port,
