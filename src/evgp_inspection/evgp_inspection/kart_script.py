@@ -67,9 +67,6 @@ KILL_PART = {
 }
 """Requests to the inspector to kill a part of the kart's program while the kart drives."""
 
-START_KART_AGAIN = "Then end the kart's program and start it again. Has it started?"
-"""Question to the inspector about a kart that does not reconnect."""
-
 
 class Step(NamedTuple):
     """A step, with its description for people and its acts (see `KartScript`)."""
@@ -152,11 +149,6 @@ DRIVING_ACTS = ('drive', 'start', 'at_random')
 
 RACE_STEPS = ('connect', 'race')
 """The steps of a race only."""
-
-
-def not_stopped(why: str) -> EndedError:
-    """Return the error that ends an inspection because the kart did not acknowledge a stop."""
-    return EndedError(f'{why} The inspection ended there. Use the MSR.')
 
 
 @dataclasses.dataclass
@@ -273,24 +265,24 @@ class KartScript:
         """
         Bring the kart to a standstill.
 
-        A fault that ends the kart's program would hide all others, so the inspector may restart
-        that program.
-
         :raises EndedError: if the kart does not connect or acknowledge RED_RED in time.
         """
         limits = self.limits
         self.wire.order(RED_RED)
         await self.wire.come_back()
         if not await self._connected():
-            why = f'The kart has not connected again for {limits.reconnect:g} s.'
-            self.inspector.tell(f'\a  !  {why} If its wheels turn, USE THE MSR.')
-            again = await self.inspector.ask(START_KART_AGAIN, limits.connect)
-            if not (again and await self._until(lambda: self.wire.connected, limits.connect)):
-                raise not_stopped(why)
+            raise self._not_stopped(
+                f'The kart has not connected again for {limits.reconnect:g} s.'
+            )
         if not await self._acknowledged(RED_RED, limits.red_red):
-            raise not_stopped(
+            raise self._not_stopped(
                 f'The kart has not acknowledged RED_RED within {limits.red_red:g} s.'
             )
+
+    def _not_stopped(self, why: str) -> EndedError:
+        """Warn that the kart did not acknowledge a stop; return what ends the inspection."""
+        self.inspector.tell(f'\a  !  {why} If its wheels turn, USE THE MSR.')
+        return EndedError(f'{why} The inspection ended there. Use the MSR.')
 
     async def _see_it_stand(self, seconds: float) -> bool:
         """
@@ -366,7 +358,7 @@ class KartScript:
         self.wire.order(RED_RED, lambda state: after(encode(IN_GARAGE) * 400, state))
         if not await self._acknowledged(RED_RED, self.limits.red_red):
             self._hindrance = 'The kart saw a stop too late.'
-            raise not_stopped(self._hindrance)
+            raise self._not_stopped(self._hindrance)
 
     async def _half_open(self) -> None:
         self._fall_silent('silent')
