@@ -25,10 +25,8 @@ from evgp_testing.process import executable, Process, Program
 from evgp_testing.race_control import address_of, RaceControl, settings, write_roster
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
-from rig.console import Console
 from rig.foreign_node import ForeignNode
 from rig.networks import Namespace, need_networks
-from rig.screen import Screen, why_no_screen
 
 KARTS = '10.77.0.1'
 """Race control's address on the karts' network, and a bridge's on its own: the same here."""
@@ -37,29 +35,25 @@ STRANGER = '10.77.0.66'
 OFFICIALS = '10.78.0.1'
 OFFICIAL = '10.78.0.2'
 
-NEIGHBOURS = {
-    'as an installed ROS has it': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'},
+NEIGHBOURS: dict[str, dict[str, str]] = {
+    'as an installed ROS has it': {},
     'on its own machine only': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
-    'nothing': {},
 }
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 NOT_SET = (graph.INTERFACE, 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'MAKEFLAGS', 'MAKELEVEL', 'ARGS')
 
-
-PEERS = {'ROS_STATIC_PEERS': f'{KARTS};{OFFICIALS}'}
-STRANGERS = {
-    'SUBNET and static peers': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', **PEERS},
-    'LOCALHOST and static peers': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', **PEERS},
-    'SUBNET': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'},
-    'nothing': {},
-}
-"""What strangers have in their environments."""
-
-BY_NETWORK = {'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
-"""Strangers come by the network. A network namespace keeps no shared memory apart; over it, some
-strangers among themselves hung (in `publish`, with the interpreter's lock). One whose range is
-LOCALHOST still uses it: ROS adds it there, whatever this says."""
+STRANGERS = [
+    {
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': reach,
+        'ROS_STATIC_PEERS': f'{KARTS};{OFFICIALS}',
+        'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
+    }
+    for reach in ('SUBNET', 'LOCALHOST')
+]
+"""What strangers have in their environments. They come by the network. A network namespace keeps no
+shared memory apart; over it, some strangers among themselves hung (in `publish`, with the
+interpreter's lock). One whose range is LOCALHOST uses it anyway: ROS adds it there."""
 
 WIDEST = {
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
@@ -101,51 +95,36 @@ def networks(parts: contextlib.ExitStack) -> TwoNetworks:
     return TwoNetworks(parts)
 
 
-@pytest.fixture
-def for_officials(networks: TwoNetworks, start_race_control: StartRaceControl) -> RaceControl:
-    """Return race control that its officials' network may reach."""
-    with networks.own.inside(), pytest.MonkeyPatch.context() as patch:
-        patch.setenv(graph.INTERFACE, OFFICIALS)
-        return start_race_control(in_race=[1], address=KARTS)
-
-
-def check_that_no_stranger_gets_in(networks: TwoNetworks, domain: int) -> None:
-    """Send strangers, in all ways at once, and check that none of them finds anything."""
+def strangers(networks: TwoNetworks, domain: int) -> list[ForeignNode]:
+    """Start strangers on the karts' network, which look around in all ways at once."""
     with networks.stranger.inside():
-        strangers = {
-            way: ForeignNode(domain, environment | BY_NETWORK)
-            for way, environment in STRANGERS.items()
-        }
-    found = {way: stranger.found() for way, stranger in strangers.items()}
-    assert not any(found.values()), found
+        return [ForeignNode(domain, environment) for environment in STRANGERS]
 
 
-@pytest.mark.parametrize(
-    'environment',
-    [
-        pytest.param({}, id='as it is', marks=pytest.mark.long),
-        pytest.param(STRANGERS['SUBNET'], id='as Jazzy exports it', marks=pytest.mark.long),
-        pytest.param(WIDEST, id='everything that widens a graph'),
-    ],
-)
+def check_that_none_got_in(strangers: list[ForeignNode]) -> None:
+    found = [each.found() for each in strangers]
+    assert not any(found), found
+
+
 def test_a_stranger_on_the_network_finds_nothing_of_race_control_or_a_bridge_and_changes_nothing(
-    environment: dict[str, str],
     networks: TwoNetworks,
     start_race_control: StartRaceControl,
     parts: contextlib.ExitStack,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    for variable in environment.items():
+    for variable in WIDEST.items():
         monkeypatch.setenv(*variable)
     with networks.own.inside():
         control = start_race_control(in_race=[1], address='0.0.0.0')
         bridge = beside(control, parts)
         official = parts.enter_context(Official(control.domain))
+        watch = parts.enter_context(ctl(control.domain, 'watch'))
     before = official.wait_for_race(lambda race: race.karts, 'the race')
     for each in (control, bridge):
         each.wait_for_line('can be reached only from this machine')
+    watch.wait_for_line('Team 1')
 
-    check_that_no_stranger_gets_in(networks, control.domain)
+    check_that_none_got_in(strangers(networks, control.domain))
     official.command('kart/red_flag', kart=1)
     after = official.wait_for_race(
         lambda race: state_of(race.karts[0].sent) is RaceState.RED_FLAG, 'the flag'
@@ -160,26 +139,6 @@ def test_a_stranger_on_the_network_finds_nothing_of_race_control_or_a_bridge_and
 def beside(control: RaceControl, parts: contextlib.ExitStack) -> Bridge:
     """Start a bridge on race control's domain: so one stranger looks for both."""
     return parts.enter_context(Bridge(control.domain, free_port(), address_of(1)))
-
-
-@pytest.mark.long
-def test_no_stranger_on_the_network_plays_race_control_to_the_consoles(
-    networks: TwoNetworks,
-    parts: contextlib.ExitStack,
-    domain: int,
-    tmp_path: pathlib.Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    for variable in WIDEST.items():
-        monkeypatch.setenv(*variable)
-    assert not why_no_screen(), why_no_screen()
-    screen = parts.enter_context(Screen())
-    with networks.own.inside():
-        parts.enter_context(Console(tmp_path, domain, screen))
-        terminal = ctl(domain, 'watch', '--once', '--wait', '12')
-
-    check_that_no_stranger_gets_in(networks, domain)
-    assert ended(terminal)[0] == 3
 
 
 def ctl(domain: int, *words: str) -> Program:
@@ -199,23 +158,24 @@ def check_that_an_official_sees(domain: int) -> None:
     assert (code, 'Team 1' in printed) == (0, True)
 
 
-@pytest.mark.long
-def test_a_stranger_on_the_karts_network_gets_in_no_more_where_officials_may_from_theirs(
-    networks: TwoNetworks, for_officials: RaceControl
-) -> None:
-    assert f'at {OFFICIALS}' in for_officials.wait_for_line('can be reached.*')[0]
-    check_that_no_stranger_gets_in(networks, for_officials.domain)
-
-
 @pytest.mark.own_process
 def test_a_race_goes_on_while_the_officials_address_is_gone_and_its_officials_are_back_with_it(
     networks: TwoNetworks,
-    for_officials: RaceControl,
+    start_race_control: StartRaceControl,
     parts: contextlib.ExitStack,
+    tmp_path: pathlib.Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A cable that is pulled takes the address along, where NetworkManager is in charge."""
-    control = for_officials
+    """
+    A cable that is pulled takes the address along, where NetworkManager is in charge.
+
+    Meanwhile, strangers on the karts' network get in no more than without an officials' network.
+    """
+    with networks.own.inside(), monkeypatch.context() as patch:
+        patch.setenv(graph.INTERFACE, OFFICIALS)
+        control = start_race_control(in_race=[1], address=KARTS)
+    assert f'at {OFFICIALS}' in control.wait_for_line('can be reached.*')[0]
+    outside = strangers(networks, control.domain)
     with networks.own.inside():
         kart = parts.enter_context(
             WireKart(address_of(1), control.port, Acknowledges.EACH_CHANGE, KARTS)
@@ -249,6 +209,11 @@ def test_a_race_goes_on_while_the_officials_address_is_gone_and_its_officials_ar
     monkeypatch.setenv(graph.INTERFACE, OFFICIAL)
     with networks.official.inside():
         assert ended(ctl(control.domain, 'all-kill', '--wait', '40'))[0] == 0
+        rival = race_control(parts, tmp_path, control.domain)
+        assert rival.wait() == IN_THE_WAY
+    (line,) = rival.output.splitlines()
+    assert 'another race control publishes /rcs/race' in line
+    check_that_none_got_in(outside)
 
 
 def make(domain: int, *words: str) -> Program:
@@ -284,17 +249,6 @@ def test_a_second_official_sees_and_stops_the_race_from_another_machine_by_the_l
     assert (elsewhere[0], 'NO RACE CONTROL YET' in elsewhere[1]) == (2, True)  # make's own 2
 
 
-def test_a_node_with_ross_own_settings_on_this_machine_finds_race_control_and_its_bridge(
-    start_race_control: StartRaceControl, parts: contextlib.ExitStack
-) -> None:
-    control = start_race_control(in_race=[1])
-    beside(control, parts)
-    names = {'/rcs/all_kill', '/kart_bridge/acknowledge', '/rcs/race', '/kart_bridge/race_state'}
-    for way, environment in NEIGHBOURS.items():
-        found = ForeignNode(control.domain, environment, *names).found()
-        assert names <= found, way
-
-
 def test_a_console_reaches_race_control_among_many_ros_processes_and_officials_are_told_of_them(
     parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
 ) -> None:
@@ -307,6 +261,11 @@ def test_a_console_reaches_race_control_among_many_ros_processes_and_officials_a
 
     take(range(graph.CROWDED - 5))
     control = parts.enter_context(RaceControl(tmp_path, domain, [1]))
+    beside(control, parts)
+    names = {'/rcs/all_kill', '/kart_bridge/acknowledge', '/rcs/race', '/kart_bridge/race_state'}
+    for way, environment in NEIGHBOURS.items():
+        found = ForeignNode(domain, environment, *names).found()
+        assert names <= found, way
     check_that_an_official_sees(control.domain)
     official = parts.enter_context(Official(control.domain))
     official.wait_for_race(lambda race: race.karts and not race.alerts, 'a race without an alert')
@@ -349,20 +308,13 @@ def test_race_control_whose_graph_can_be_reached_from_where_karts_connect_starts
 
 
 def test_no_program_starts_on_an_interface_that_is_not_there(
-    monkeypatch: pytest.MonkeyPatch,
-    parts: contextlib.ExitStack,
-    domain: int,
-    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch, parts: contextlib.ExitStack, tmp_path: pathlib.Path
 ) -> None:
     monkeypatch.setenv(graph.INTERFACE, '10.1.0.5')
     control = race_control(parts, tmp_path)
-    bridge = parts.enter_context(Bridge(domain, free_port(), '127.0.1.1'))
-
-    assert (control.wait(), bridge.wait()) == (IN_THE_WAY, IN_THE_WAY)
-
-    for process in (control, bridge):
-        (line,) = process.output.splitlines()
-        assert re.search(r'no interface of this machine has .*10\.1\.0\.5.*Name one of', line)
+    assert control.wait() == IN_THE_WAY
+    (line,) = control.output.splitlines()
+    assert re.search(r'no interface of this machine has .*10\.1\.0\.5.*Name one of', line)
 
 
 def race_control(
@@ -372,21 +324,6 @@ def race_control(
     domain = domain or parts.enter_context(Domain()).number
     given = {**settings(folder, write_roster(folder, [1])), **parameters}
     return parts.enter_context(Process('evgp_rcs', 'rcs_node', domain, given))
-
-
-def test_a_second_race_control_on_the_officials_network_does_not_start(
-    networks: TwoNetworks,
-    for_officials: RaceControl,
-    parts: contextlib.ExitStack,
-    tmp_path: pathlib.Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setenv(graph.INTERFACE, OFFICIAL)
-    with networks.official.inside():
-        rival = race_control(parts, tmp_path, for_officials.domain)
-        assert rival.wait() == IN_THE_WAY
-    (line,) = rival.output.splitlines()
-    assert 'another race control publishes /rcs/race' in line
 
 
 @pytest.mark.parametrize(

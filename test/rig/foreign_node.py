@@ -14,17 +14,17 @@ from collections.abc import Mapping
 import faulthandler
 import json
 import os
-import subprocess
 import sys
 import time
 
 from evgp_testing.part import PATIENCE
+from evgp_testing.process import Program
 
 LOOKS_FOR = 8.0
 """How long one looks around who must find nothing, seconds: far more than it ever takes."""
 
 
-class ForeignNode:
+class ForeignNode(Program):
     """
     A running foreign node, in the network of the thread that starts it.
 
@@ -34,29 +34,21 @@ class ForeignNode:
     """
 
     def __init__(self, domain: int, environment: Mapping[str, str], *awaits: str) -> None:
-        self._seconds = PATIENCE if awaits else LOOKS_FOR
         own = ('ROS_', 'RMW_', 'FASTRTPS_', 'FASTDDS_', 'CYCLONEDDS_', 'EVGP_')
-        self._process = subprocess.Popen(
-            [sys.executable, __file__, str(self._seconds), *awaits],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            text=True,
-            env={
-                **{name: value for name, value in os.environ.items() if not name.startswith(own)},
-                'ROS_DOMAIN_ID': str(domain),
-                **environment,
-            },
-        )
+        unset = [f'--unset={name}' for name in os.environ if name.startswith(own)]
+        given = [f'{name}={value}' for name, value in environment.items()]
+        looks = [sys.executable, __file__, str(PATIENCE if awaits else LOOKS_FOR), *awaits]
+        super().__init__('foreign', ['env', *unset, f'ROS_DOMAIN_ID={domain}', *given, *looks])
 
     def found(self) -> set[str]:
         """
         Return the nodes that it saw, the topics that it heard, and the services that answered it.
 
-        :raises AssertionError: if it hung; where, stands on its stderr.
+        :raises AssertionError: if it hung; where, its output says.
         """
-        printed, _ = self._process.communicate(timeout=self._seconds + 2 * PATIENCE)
-        assert printed, 'the foreign node has not looked around to its end'
-        return {*json.loads(printed.splitlines()[-1])}
+        self.process.wait(3 * PATIENCE)
+        assert self.wait() == 0, self.output
+        return {*json.loads(self.lines[-1])}
 
 
 def look_around(seconds: float, *awaits: str) -> set[str]:
