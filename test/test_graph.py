@@ -51,8 +51,8 @@ STRANGERS = [
     }
     for reach in ('SUBNET', 'LOCALHOST')
 ]
-"""What strangers have in their environments. They come by the network. A network namespace keeps no
-shared memory apart; over it, some strangers among themselves hung (in `publish`, with the
+"""What strangers have in their environments. They come by the network, because a network namespace
+keeps no shared memory apart; over it, some strangers among themselves hung (in `publish`, with the
 interpreter's lock). One whose range is LOCALHOST uses it anyway: ROS adds it there."""
 
 WIDEST = {
