@@ -19,7 +19,7 @@ from evgp_rcs.rules.catalogue import CATALOGUE
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
-from evgp_testing.official import Official
+from evgp_testing.official import Official, SERVICES
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_race import WireRace
@@ -173,3 +173,28 @@ def test_a_terminal_that_takes_no_output_holds_nothing_up(
         kart.wait_for_frames(20)
         official.command('all_kill')
         kart.wait_for_state(RED_RED)
+
+
+# ----- the official of teams' own tests ---------------------------------------------------
+
+
+def test_a_command_that_does_not_exist_or_is_ambiguous_is_answered_with_what_does(
+    race: WireRace,
+) -> None:
+    for give in (race.official.call, race.official.command, race.official.wait_for_available):
+        with pytest.raises(ValueError, match="'finish'") as told:
+            give('finish', kart=1)
+        assert all(service in str(told.value) for service in SERVICES)
+    with pytest.raises(ValueError, match='in_race=True or in_race=False'):
+        race.official.command('set_in_race', kart=1)
+
+
+def test_the_way_to_the_grid_closes_an_open_track_first(race: WireRace) -> None:
+    official = race.official
+    official.command('set_track_open', open=True, no_race_anywhere=True)
+    official.wait_for_race(lambda race: race.track.open, 'the track open')
+    race.bring_to(GRID_ACTIVE)
+    commands = msg.CommandAvailability
+    official.wait_for_event(lambda event: event.command == commands.GRID_ACTIVE, 'GRID_ACTIVE')
+    *before, _ = (event.command for event in official.events if event.command)
+    assert commands.CLOSE_TRACK in before
