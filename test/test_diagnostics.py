@@ -22,33 +22,27 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 
 
 class Health(RosSide):
-    """Whoever looks at the diagnostics: ``statuses`` has the newest by its name."""
+    """Whoever looks at the diagnostics."""
 
     def __init__(self, domain: int) -> None:
         super().__init__('health', domain)
-        self.statuses: dict[str, DiagnosticStatus] = {}
-        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._hear, 10)
+        self._arrays = self.hear(DiagnosticArray, '/diagnostics')
         self.spin()
 
-    def wait_for(self, name: str, level: bytes) -> DiagnosticStatus:
-        """
-        Return the first status of this name at this level, heard already or still to come.
+    @property
+    def statuses(self) -> dict[str, DiagnosticStatus]:
+        """Return the newest statuses by their names."""
+        return {each.name: each for array in self._arrays[-1:] for each in array.status}
 
-        :raises AssertionError: if none comes in time.
-        """
+    def wait_for(self, name: str, level: bytes, **having: str) -> DiagnosticStatus:
+        """Return the status of this name as soon as it has this level and these values."""
 
         def found() -> DiagnosticStatus | None:
             status = self.statuses.get(name)
-            return status if status is not None and status.level == level else None
+            fits = status and status.level == level and having.items() <= values(status).items()
+            return status if fits else None
 
-        status = self.wait_until(found, lambda: f'{name} at {level!r}; heard {self.statuses}')
-        assert status is not None
-        return status
-
-    def _hear(self, array: DiagnosticArray) -> None:
-        with self.news:
-            self.statuses = {status.name: status for status in array.status}
-            self.news.notify_all()
+        return self.wait_until(found, lambda: f'{name}: {level!r}, {having}; {self.statuses}')
 
 
 def values(status: DiagnosticStatus) -> dict[str, str]:
@@ -106,23 +100,11 @@ def test_diagnostics_have_every_kart_and_the_level_and_text_of_the_gravest_alert
 
     connect_kart(control, 1, Acknowledges.EACH_CHANGE)
     official.wait_for_acks(RaceState.RED_RED, 1)
-    official.wait_for_race(lambda race: race.karts[0].link.grade, 'a measured link')
-
-    def as_shown() -> bool:
-        assert official.race is not None
-        link = official.race.karts[0].link
-        return (
-            values(health.statuses['rcs: kart 1']).items()
-            >= {
-                'team': 'Team 1',
-                'sent': 'RED_RED',
-                'acknowledged': 'true',
-                'link': list(Grade)[link.grade].value,
-                'retransmitted': str(link.retransmitted),
-            }.items()
-        )
-
-    health.wait_until(as_shown, lambda: f'kart 1 as it stands; heard {health.statuses}')
+    race = official.wait_for_race(lambda race: race.karts[0].link.grade, 'a measured link')
+    link = race.karts[0].link
+    shown = {'link': list(Grade)[link.grade].value, 'retransmitted': str(link.retransmitted)}
+    told = {'team': 'Team 1', 'sent': 'RED_RED', 'acknowledged': 'true', **shown}
+    health.wait_for('rcs: kart 1', OK, **told)
 
 
 def test_a_bridge_that_hears_no_race_control_has_an_error_in_its_only_status(
