@@ -14,18 +14,16 @@ import pytest
 @given(st.text(st.characters()))
 @example('\ud800')
 @example('=cmd()\r\n\x1b[2J\u202e<script>\u2028')
-def test_what_is_heard_is_one_short_line_that_can_be_printed(text: str) -> None:
+def test_what_is_heard_is_one_short_line_that_can_be_printed_and_is_heard_the_same_again(
+    text: str,
+) -> None:
     official = heard(text)
 
     assert 0 < len(official) <= MOST
     assert official.isprintable()
     assert official == official.strip()
     official.encode()
-
-
-@given(st.text())
-def test_what_was_heard_is_heard_the_same_again(text: str) -> None:
-    assert heard(heard(text)) == heard(text)
+    assert heard(official) == official
 
 
 @given(st.text(st.characters(exclude_categories=('C', 'Z')), min_size=1, max_size=MOST))
@@ -43,19 +41,17 @@ def test_nothing_that_turns_the_direction_or_moves_a_cursor_is_left() -> None:
     assert tidy('An\u202ena\x1b[2J\u2066 \r\nM\x07eier') == 'Anna[2J Meier'
 
 
-@given(st.text(), st.text(), st.integers(1, 2**22) | st.none())
-def test_a_claim_is_heard_as_it_was_sent(name: str, host: str, process: int | None) -> None:
-    sent = claim(name, host, process)
-
-    assert heard(sent) == sent
+PROCESS = st.integers(1, 2**22) | st.none()
 
 
-@given(st.text(), st.text(), st.text(), st.integers(1, 2**22), st.integers(1, 2**22))
-def test_two_processes_of_one_name_send_different_claims(
-    name: str, host: str, other_host: str, process: int, other: int
+@given(st.text(), st.text(), st.text(), PROCESS, PROCESS)
+def test_claims_are_heard_as_they_were_sent_and_those_of_two_processes_differ(
+    name: str, host: str, other_host: str, process: int | None, other: int | None
 ) -> None:
-    if process != other:
-        assert claim(name, host, process) != claim(name, other_host, other)
+    sent = claim(name, host, process)
+    assert heard(sent) == sent
+    if process is not None and other not in (process, None):
+        assert sent != claim(name, other_host, other)
 
 
 def test_a_claim_names_the_official_the_machine_and_the_process() -> None:
