@@ -13,7 +13,6 @@ from collections import deque
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 import itertools
-import re
 from typing import NamedTuple
 
 from evgp_node.official import UNNAMED
@@ -239,6 +238,7 @@ class Line(NamedTuple):
     A line of the event log.
 
     :param clock: race control's wall time, as hours:minutes:seconds.
+    :param said: what the line says, without how often.
     :param is_command: whether the line shows an official's command and race control's answer.
     :param karts: the numbers of the karts that the line is about; empty if about no kart.
     :param what: what the line says about these karts. If the next event says the same about
@@ -248,11 +248,16 @@ class Line(NamedTuple):
 
     clock: str
     success: bool
-    text: str
+    said: str
     is_command: bool = False
     karts: tuple[int, ...] = ()
     what: str = ''
     times: int = 0
+
+    @property
+    def text(self) -> str:
+        """Return the line as it is shown."""
+        return f'{self.said} (at least {self.times} times)' if self.times > 1 else self.said
 
 
 _BY_LABEL = frozenset(
@@ -274,8 +279,6 @@ _OF_KARTS = {
 
 _REPEATED = EventKind.REFUSED_CONNECTION, EventKind.MALFORMED
 """Events that a kart or another machine can repeat for ever."""
-
-_MORE = re.compile(r' \((\d+ more not reported|at least \d+ times)\)$')
 
 
 class EventLog:
@@ -303,7 +306,7 @@ class EventLog:
                 before = self._lines.pop()
                 if line.karts:
                     karts = tuple(sorted({*before.karts, *line.karts}))
-                    line = line._replace(text=self._of_karts(karts, line.what), karts=karts)
+                    line = line._replace(said=self._of_karts(karts, line.what), karts=karts)
             if event.kind in _REPEATED:
                 line = self._counted(line)
             # No later event joins a line about all karts.
@@ -311,15 +314,13 @@ class EventLog:
 
     def _counted(self, line: Line) -> Line:
         """Return a line with the number of times it was said in this run; remove its last one."""
-        text = _MORE.sub('', line.text)
-        of_run = itertools.takewhile(lambda each: each.text != NEW_RUN, reversed(self._lines))
-        repeated = (each for each in of_run if each.times and _MORE.sub('', each.text) == text)
+        of_run = itertools.takewhile(lambda each: each.said != NEW_RUN, reversed(self._lines))
+        repeated = (each for each in of_run if each.times and each.said == line.said)
         before = next(repeated, None)
         if before is None:
             return line._replace(times=1)
         self._lines.remove(before)
-        times = before.times + 1
-        return line._replace(text=f'{text} (at least {times} times)', times=times)
+        return line._replace(times=before.times + 1)
 
     def _line(self, at: str, event: Event) -> Line | None:
         """Return the line for an event; None if the event needs no line."""

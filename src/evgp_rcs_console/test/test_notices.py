@@ -227,9 +227,7 @@ def test_what_is_repeated_for_ever_has_one_line_that_counts_it_and_hides_no_othe
     rubbish = Event(EventKind.MALFORMED, "From kart 5 (Purdue): no frame: b'x'", 5, success=False)
     events = [one, Event(EventKind.CONNECTED, 'connected', 5), *[one, other, rubbish] * 40]
     for sequence, event in enumerate(events, 1):
-        more = ' (3 more not reported)' * (sequence > 9 and not event.success)
-        wall_ns = sequence * 1_000_000_000
-        log.add(StampedEvent(sequence, wall_ns, 0.0, event._replace(text=event.text + more)))
+        log.add(StampedEvent(sequence, sequence * 1_000_000_000, 0.0, event))
 
     assert [(line.clock, line.text) for line in log.lines()] == [
         (time_of_day(2), 'Kart 5 connected'),

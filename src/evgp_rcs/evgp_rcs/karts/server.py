@@ -65,6 +65,9 @@ STALL = 1.0
 CONNECTIONS = (10, 2.0)
 """Limit on new connections from each kart: the size of a burst, and then the number per second."""
 
+MOST_STRANGERS = 20
+"""Maximum number of addresses outside the roster whose refusals are reported separately."""
+
 TAKEOVERS = (3, 10.0)
 """Limit on takeovers: the number of times, and the period in seconds. If new connections replace a
 kart's live connection this many times within the period, two programs are contesting the kart. The
@@ -129,21 +132,14 @@ class _Allowance:
         self._rate = rate
         self._left = float(burst)
         self._at = 0.0
-        self.withheld = 0
 
     def take(self, now: float) -> bool:
         self._left = min(self._burst, self._left + self._rate * (now - self._at))
         self._at = now
         if self._left < 1:
-            self.withheld += 1
             return False
         self._left -= 1
         return True
-
-    def mention(self) -> str:
-        """Return the end of a sentence, with the number of events withheld since the last call."""
-        withheld, self.withheld = self.withheld, 0
-        return f' ({withheld} more not reported)' if withheld else ''
 
 
 class KartServer:
@@ -176,11 +172,11 @@ class KartServer:
         self._commands: deque[Request] = deque()
         self._sequence = itertools.count(1)
         self._gathered: list[StampedEvent] = []
-        self._refusals = _Allowance(5)
+        # By a kart's number or a stranger's address; '' is for the strangers beyond the limit.
+        self._refusals = defaultdict[int | str, _Allowance](lambda: _Allowance(5))
         # The limits of each kart, by its number.
         self._connections = defaultdict[int, _Allowance](lambda: _Allowance(*CONNECTIONS))
         self._takeovers = defaultdict[int, deque[float]](lambda: deque(maxlen=TAKEOVERS[0]))
-        self._too_often = defaultdict[int, _Allowance](lambda: _Allowance(1))
         self._rubbish = defaultdict[int, _Allowance](lambda: _Allowance(5))
         self._reports = defaultdict[int, _Allowance](lambda: _Allowance(20))
         self._beat_at = 0.0
@@ -279,7 +275,7 @@ class KartServer:
         if isinstance(error, OSError) and str(context.get('message')).startswith('socket.accept'):
             # No file descriptor is left. The race continues, and asyncio tries again in a second.
             text = f'Race control cannot accept another connection now: {in_words(error)}'
-            self._publish_refusal(text, self._refusals)
+            self._publish_refusal(text, '')
             return
         self.end(
             error
@@ -479,10 +475,11 @@ class KartServer:
         now = self.now()
         if number is None:
             link.drop('its address is not in the roster')
-            why = 'no kart in the roster has that address'
-            self._publish_refusal(
-                f'A connection from {address} was refused: {why}', self._refusals
+            text = (
+                f'A connection from {address} was refused: no kart in the roster has that address'
             )
+            known = address in self._refusals or len(self._refusals) < MOST_STRANGERS
+            self._publish_refusal(text, address if known else '')
             return
         if self._closing.is_set():
             link.farewell()
@@ -491,7 +488,7 @@ class KartServer:
             link.drop('it connects too often')
             kart = self._race.karts[number]
             text = f'A connection from {kart} was refused: it connects too often'
-            self._publish_refusal(text, self._too_often[number], number)
+            self._publish_refusal(text, number)
             return
         old = self._links.pop(number, None)
         # It is not a takeover if the kart lost its link and connects again before race control
@@ -507,11 +504,11 @@ class KartServer:
             self._takeovers[number].append(now)
             self._check_contest(number, now)
 
-    def _publish_refusal(self, text: str, allowance: _Allowance, kart: int = 0) -> None:
+    def _publish_refusal(self, text: str, peer: int | str) -> None:
         """Publish that a connection was refused, as often as this peer may cause it."""
         now = self.now()
-        if allowance.take(now):
-            text += allowance.mention()
+        if self._refusals[peer].take(now):
+            kart = peer if isinstance(peer, int) else 0
             event = Event(EventKind.REFUSED_CONNECTION, text, kart=kart, success=False)
             self._publish(event, at=now)
 
@@ -534,10 +531,9 @@ class KartServer:
             return
         now = self.now()
         if isinstance(heard, MalformedFrame):
-            allowance = self._rubbish[link.number]
-            if allowance.take(now):
+            if self._rubbish[link.number].take(now):
                 kart = self._race.karts[link.number]
-                text = f'From {kart}: {heard.reason}: {heard.raw!r}{allowance.mention()}'
+                text = f'From {kart}: {heard.reason}: {heard.raw!r}'
                 event = Event(EventKind.MALFORMED, text, kart=link.number, success=False)
                 self._publish(event, at=now)
             return
