@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
+import functools
 import itertools
 import os
 import pathlib
@@ -28,6 +29,7 @@ from evgp_rcs.rules.inputs import Batch, Tick
 from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 from evgp_testing.process import freeze, wait_until_ended
 import pytest
+from rig.disks import filled, Harm, in_database, remount, small_disk
 from rig.replaying import events_of
 
 PATIENCE = 20.0
@@ -35,8 +37,8 @@ HOME = RaceMemory(RaceState.IN_GARAGE, {})
 GRID = RaceMemory(RaceState.GRID_ACTIVE, {}, gridded=7)
 
 
-def started(path: pathlib.Path) -> RecordProcess:
-    running = RecordProcess(path, path.with_name('mark'))
+def started(path: pathlib.Path, mark: pathlib.Path | None = None) -> RecordProcess:
+    running = RecordProcess(path, mark or path.with_name('mark'))
     running._socket.setblocking(False)  # as its loop does
     return running
 
@@ -178,31 +180,6 @@ def test_a_disk_that_writes_each_event_in_time_is_no_trouble_although_there_is_a
     record.end(PATIENCE, LastRun.UNKNOWN)
 
 
-def test_while_a_disk_takes_nothing_that_is_trouble_and_a_grid_is_told_to_be_there_once_it_is(
-    path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(store, 'RETRY', 0.1)
-    path.mkdir()  # nobody can write it, and root neither
-    record = started(path)
-    assert record.trouble().startswith(f'The record {path} fails: {path} is not a file')
-    told: list[int] = []
-    record.on_saved = told.append
-    put(record, 1)
-    record.remember(GRID)
-    tries: list[Written] = []
-    while len(tries) < 3:  # the last of them knows of the grid
-        select.select([record._socket], [], [], PATIENCE)
-        tries += record._end.receive()
-    assert {each.gridded for each in tries} == {0}
-    path.rmdir()
-    wait_for(record, lambda: told)
-    assert told == [7]
-    assert record.trouble() == ''
-    assert left_behind(path) == GRID
-    record.end(PATIENCE, LastRun.UNKNOWN)
-    assert numbers_in(path) == [1]
-
-
 def test_what_no_disk_takes_needs_bounded_memory_and_leaves_a_gap_that_is_seen(
     record: RecordProcess, path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -230,6 +207,111 @@ def test_what_no_disk_takes_needs_bounded_memory_and_leaves_a_gap_that_is_seen(
     with open_runs(path) as runs:
         entries = runs.read(runs.choose(1)).entries()
     assert [each.entries for each in entries if isinstance(each, Gap)] == [lost]
+
+
+# ----- a file that cannot be written ----------------------------------------------------------
+
+Mend = Callable[[], object]
+
+
+def no_record(make: Harm) -> Callable[[pathlib.Path], Mend]:
+    """Return what has something else in the place of the record, and returns its end."""
+
+    def put_there(path: pathlib.Path) -> Mend:
+        make(path)
+        before = path.stat().st_mtime_ns
+
+        def move_away() -> None:  # as the official is told to do
+            assert path.rename(path.with_name('away')).stat().st_mtime_ns == before
+
+        return move_away
+
+    return put_there
+
+
+def full(room: int) -> Callable[[pathlib.Path], Mend]:
+    """Return what leaves so much room on the disk, in bytes, and returns how to make more."""
+
+    def fill(path: pathlib.Path) -> Mend:
+        ballast = filled(path.parent)
+        os.truncate(ballast, ballast.stat().st_size - room)
+        return ballast.unlink
+
+    return fill
+
+
+def read_only(path: pathlib.Path) -> Mend:
+    remount(path.parent, 'ro')
+    return functools.partial(remount, path.parent, 'rw')
+
+
+def moved(replaced: bool) -> Callable[[pathlib.Path], Mend]:
+    def move(path: pathlib.Path) -> Mend:
+        away = path.rename(path.with_name('away'))
+        if replaced:
+            path.touch()
+        return functools.partial(away.replace, path)
+
+    return move
+
+
+FROM_THE_START: dict[str, tuple[Callable[[pathlib.Path], Mend], str]] = {
+    'a folder': (no_record(pathlib.Path.mkdir), 'is not a file'),
+    'a pipe': (no_record(os.mkfifo), 'is not a file'),
+    'a text': (
+        no_record(
+            lambda path: path.write_text('karts: [] # longer than a header of SQLite\n' * 9)
+        ),
+        'is not a record of this race control',
+    ),
+    'another database': (
+        no_record(in_database('CREATE TABLE invoices (sum)')),
+        'is not a record of this race control',
+    ),
+    'a full disk': (full(0), 'full'),
+    'an almost full disk': (full(16 * 1024), 'full'),
+    'a read-only disk': (read_only, 'read-only file system'),
+}
+IN_THE_RUN: dict[str, tuple[Callable[[pathlib.Path], Mend], str]] = {
+    'a disk that becomes full': (full(0), 'full'),
+    'moved': (moved(False), 'moved'),
+    'replaced': (moved(True), 'moved'),
+}
+
+
+@pytest.mark.parametrize('harm', [*FROM_THE_START, *IN_THE_RUN])
+def test_while_the_file_takes_nothing_that_is_trouble_and_a_grid_is_told_to_be_there_once_it_is(
+    harm: str, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(store, 'RETRY', 0.1)
+    spoil, sentence = {**FROM_THE_START, **IN_THE_RUN}[harm]
+    with small_disk(tmp_path / 'disk', '512k') as disk:
+        path = disk / 'record.sqlite3'
+        mend = spoil(path) if harm in FROM_THE_START else None
+        record = started(path, tmp_path / 'mark')
+        assert record.opened.left_behind is None
+        if mend is None:
+            put(record, 1)
+            wait_for(record, lambda: not record._unwritten)
+            mend = spoil(path)
+        told: list[int] = []
+        record.on_saved = told.append
+        put(record, *range(1 + (harm in IN_THE_RUN), 1001), text=100 * 'x')
+        record.remember(GRID)
+        tries: list[Written] = []
+        while len(tries) < 3:  # the last of them knows of the grid
+            select.select([record._socket], [], [], PATIENCE)
+            tries += record._end.receive()
+        assert {each.gridded for each in tries} == {0}
+        wait_for(record, lambda: sentence in record.trouble())
+        assert record.trouble().startswith(f'The record {path} fails: ')
+        mend()
+        wait_for(record, lambda: told)
+        assert told == [7]
+        assert record.trouble() == ''
+        assert left_behind(path) == GRID
+        record.end(PATIENCE, LastRun.UNKNOWN)
+        assert numbers_in(path) == [*range(1, 1001)]
 
 
 def test_a_record_that_another_race_control_has_is_refused(

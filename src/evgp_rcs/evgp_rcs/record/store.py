@@ -37,7 +37,6 @@ from evgp_node.stream_file import (
     blocks_of,
     connection,
     open_for_writing,
-    OtherFileError,
     runs_of,
     WRITE_BLOCK,
 )
@@ -183,6 +182,8 @@ class Record:
                 self._claimed.close()
                 self._claimed = None
             self.error = in_words(error)
+            if getattr(error, 'sqlite_errorname', '') == 'SQLITE_IOERR_SHMSIZE':
+                self.error += '; the disk may be full'  # no room for SQLite's ``-shm``
             self._due = clock.now() + RETRY
             return False
         self.error = ''
@@ -227,7 +228,9 @@ class Record:
     def _open(self) -> None:
         try:
             self._database, run = open_for_writing(self._path, _MEMORY)
-        except OtherFileError as error:
+        except sqlite3.OperationalError:
+            raise  # this concerns the disk
+        except sqlite3.DatabaseError as error:
             raise OSError(
                 f'{self._path} is not a record of this race control ({error}): move it away, or '
                 'choose another file with the parameter record'
