@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-import contextlib
 import os
 import pathlib
 import signal
@@ -15,25 +14,25 @@ import time
 from types import SimpleNamespace
 from typing import Any, cast
 
-from builtin_interfaces.msg import Duration, Time
+from builtin_interfaces.msg import Time
 from evgp_node.restarting import IN_THE_WAY
 from evgp_node.results import Act, BY_HAND, KartResult, Mark, Standings, Status
 from evgp_node.stamps import stamp_of
-from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.timing import entries
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import Process
 from evgp_testing.race_control import Timekeeper, write_roster
-from evgp_testing.ros_side import RosSide
+from evgp_testing.ros_side import joined, RosSide
 from evgp_testing.wire_race import WireRace
 from evgp_timing import timekeeper
 from evgp_timing.corrections import CORRECTIONS
 from evgp_timing.desk import Answer, Finish, What
-from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS, passing_of, told_of
+from evgp_timing.timekeeper import ARRIVING_QOS, passing_of, told_of
 from evgp_timing.window import Client
 import pytest
+from rclpy.parameter import Parameter
 
 KARTS = (1, 2)
 
@@ -213,7 +212,6 @@ def test_laps_are_counted_and_a_kart_with_all_of_them_is_finished_once(event: Ev
     line.laps(1, 1)
     official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
     assert line.wait_for_laps(1, 2).status is Status.CLASSIFIED
-    line.wait_for_more(5)  # it asks again after 2 s, where it must
     (finish,) = event.finishes()
     assert (finish.kart, finish.official, finish.success) == (1, 'timekeeper', True)
 
@@ -221,9 +219,37 @@ def test_laps_are_counted_and_a_kart_with_all_of_them_is_finished_once(event: Ev
     official.command('kart/red_red', kart=2)  # a kart that was stopped cannot finish
     line.laps(2, 3)
     line.wait_for_laps(2, 2)
-    line.wait_for_more(5)
+    line.wait_for_more(5)  # it asks again after 2 s, where it must
     # What an official has undone, an official gives again; a refusal is final.
     assert [(each.kart, each.success) for each in event.finishes()] == [(1, True), (2, False)]
+
+
+def test_a_flood_of_passings_is_bounded_and_told_and_holds_up_neither_stops_nor_laps(
+    event: Event,
+) -> None:
+    line = event.line
+    event.race()
+    line.laps(1, 2)
+    line.wait_for_laps(1, 1)  # a flood by the same publisher would take their place
+
+    def flood() -> bool:
+        """Say many passings, and return whether the timekeeper has told that some do not count."""
+        for _ in range(2_000):
+            line.sees(0, line.now(), source='gate', transponder='4711')
+        return any('the limit' in each for seen in line.look() for each in seen.questions)
+
+    for _ in range(10):
+        flood()
+    event.official.command('kart/red_red', kart=2)
+    event.karts[1].wait_for_state(RaceState.RED_RED)
+    event.karts[0].wait_for_frames(3)
+    assert event.karts[0].state is RaceState.GREEN_GREEN
+    # On a busy machine, too few of them may have arrived.
+    line.wait_until_polled(flood, 'that some are over the limit')
+    assert any('no kart has the transponder 4711' in each for each in line.heard[-1].questions)
+    line.laps(1, 1)
+    line.wait_for_laps(1, 2)
+    event.official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
 
 
 def kept(book: pathlib.Path) -> list[KartResult | None]:
@@ -263,9 +289,14 @@ def test_one_that_hangs_holds_up_nobody_and_what_it_says_in_the_next_race_concer
     line.wait_for_laps(1, 1)
     event.assert_green()
     assert not any(each.success for each in event.finishes())
+    # Its book serves no second one.
+    own = {'roster': event.book.with_name('karts.yaml'), 'book': event.book}
+    with Process('evgp_timing', 'timekeeper', event.domain, own) as second:
+        assert second.wait() == IN_THE_WAY
+    assert 'another running timekeeper is using' in second.output
     event.timekeeper.close()
     assert [each and each.laps for each in kept(event.book)[-2:]] == [1, 1]
-    event.timekeeper, event.races = event.start_timekeeper(), event.races + 1
+    event.races += 1
 
 
 def test_karts_race_on_without_a_timekeeper_and_one_that_comes_back_has_every_lap(
@@ -300,90 +331,40 @@ def test_karts_race_on_without_a_timekeeper_and_one_that_comes_back_has_every_la
     seen = line.wait_for_more()
     assert not [each for each in seen.questions if 'clock' in each or 'were lost' in each]
     event.official.wait_for_kart(1, lambda kart: kart.place == 2, 'the finish by its laps')
-    # It goes on from the book, whatever the graph still has.
-    event.timekeeper.close()
-    event.timekeeper = event.start_timekeeper()
-    line.look()
-    line.heard.clear()
-    assert line.wait_for_laps(1, 2).lap_times == times
 
 
-def test_a_flood_of_passings_is_bounded_and_told_and_holds_up_neither_stops_nor_laps(
-    event: Event,
+# ----- events and passings on paper ---------------------------------------------------------
+
+
+def test_lost_events_are_told_but_none_of_before_a_restart(
+    tmp_path: pathlib.Path, domain: int
 ) -> None:
-    line = event.line
-    event.race()
-    line.laps(1, 2)
-    line.wait_for_laps(1, 1)  # a flood by the same publisher would take their place
-
-    def flood() -> bool:
-        """Say many passings, and return whether the timekeeper has told that some do not count."""
-        for _ in range(2_000):
-            line.sees(0, line.now(), source='gate', transponder='4711')
-        return any('the limit' in each for seen in line.look() for each in seen.questions)
-
-    for _ in range(10):
-        flood()
-    event.official.command('kart/red_red', kart=2)
-    event.karts[1].wait_for_state(RaceState.RED_RED)
-    event.karts[0].wait_for_frames(3)
-    assert event.karts[0].state is RaceState.GREEN_GREEN
-    # On a busy machine, too few of them may have arrived.
-    line.wait_until_polled(flood, 'that some are over the limit')
-    assert any('no kart has the transponder 4711' in each for each in line.heard[-1].questions)
-    line.laps(1, 1)
-    line.wait_for_laps(1, 2)
-    event.official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
-
-
-# ----- events that do not come ---------------------------------------------------------------
-
-
-class Teller(RosSide):
-    """Stands in for race control: publishes these events, as the next ones after a number."""
-
-    def __init__(self, domain: int) -> None:
-        super().__init__('teller', domain)
-        self._events = self.node.create_publisher(msg.RaceEvents, '/rcs/events', EVENTS_QOS)
-        self.spin()
-
-    def tell(self, after: int, *events: msg.RaceEvent) -> None:
-        for number, each in enumerate(events, after + 1):
-            each.sequence, each.race = number, 1
-            each.monotonic = Duration(sec=int(clock.now()))
-        self._events.publish(msg.RaceEvents(run='a run', events=events))
-
-
-def test_lost_events_are_told_but_none_of_before_a_restart_and_its_book_serves_no_second_one(
-    tmp_path: pathlib.Path, parts: contextlib.ExitStack, domain: int
-) -> None:
-    line = parts.enter_context(Line(domain))
     own = {'roster': write_roster(tmp_path, KARTS), 'book': tmp_path / 'timing.sqlite3'}
+    given = [Parameter(name, value=str(path)) for name, path in own.items()]
     grid = msg.RaceEvent(
         kind=msg.RaceEvent.COMMAND, command=msg.CommandAvailability.GRID_ACTIVE, success=True
     )
     green = msg.RaceEvent(
         kind=msg.RaceEvent.RACE_STATE, state=msg.RaceState(state=msg.RaceState.GREEN_GREEN)
     )
-    others = [msg.RaceEvent(kind=msg.RaceEvent.ACKNOWLEDGED) for _ in range(400)]
-    with Process('evgp_timing', 'timekeeper', domain, own) as first:
-        with Teller(domain) as teller:
-            teller.tell(0, grid, green, *others)
-            line.wait_for(lambda seen: len(seen.races) == 1, 'the race')
-        first.kill()
-    teller = parts.enter_context(Teller(domain))
-    parts.enter_context(Process('evgp_timing', 'timekeeper', domain, own))
-    teller.tell(402, others[0])
-    assert not line.wait_for_more(4).questions
-    teller.tell(410, others[0])
-    line.wait_for(
-        lambda seen: [*seen.questions] == ['7 events from race control were lost. Check the laps'],
-        'the question',
-    )
-    with Process('evgp_timing', 'timekeeper', domain, own) as second:
-        assert second.wait() == IN_THE_WAY
-    assert 'another running timekeeper is using' in second.output
-    line.wait_for_more()
+    more, *others = [msg.RaceEvent(kind=msg.RaceEvent.ACKNOWLEDGED) for _ in range(401)]
+
+    with joined(domain) as context:
+        for after, events, lost in (
+            (0, [grid, green, *others], 0),
+            (402, [more], 0),
+            (410, [more], 7),
+        ):
+            restarted = timekeeper.Timekeeper(
+                lambda _: None, context=context, parameter_overrides=given
+            )
+            for number, each in enumerate(events, after + 1):
+                each.sequence, each.race = number, 1
+            restarted._hear(msg.RaceEvents(run='a run', events=events))
+            told = f'{lost} events from race control were lost. Check the laps'
+            assert restarted._desk.questions() == [told] * bool(lost)
+            restarted.close()
+            restarted.destroy_node()
 
 
 def test_a_command_that_was_refused_says_nothing_of_laps() -> None:
