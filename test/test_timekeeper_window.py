@@ -23,7 +23,7 @@ from typing import Any
 
 from evgp_node.entries import Entry
 from evgp_node.results import Act, Corrected, Mark
-from evgp_node.roster import Heat
+from evgp_node.roster import Format, Heat
 from evgp_rcs_msgs import srv
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import Program
@@ -44,6 +44,7 @@ except ImportError as error:
 QtCore, QtWidgets = window_widgets.QtCore, window_widgets.QtWidgets
 QtTest = importlib.import_module(QtCore.__name__.replace('QtCore', 'QtTest'))
 
+OFFSCREEN = {'QT_QPA_PLATFORM': 'offscreen'}
 LEFT = QtCore.Qt.MouseButton.LeftButton
 
 HEAT = 'Heat 1'
@@ -57,8 +58,9 @@ class Paper(test_desk.Event):
         super().__init__()
         self.is_silent = False
         self.answers: list[Callable[[], None]] | None = None  # those that are held back
-        heats = (Heat(HEAT, (*TEAMS,), laps=3),)
-        self.desk = Desk(Roster((*TEAMS,), heats=heats), LapSettings(min_lap_time=1.0))
+        heats = Heat(HEAT, (*TEAMS,), laps=3), Heat('Practice', (*TEAMS,), Format.PRACTICE)
+        owners = {f't{kart}': kart for kart in TEAMS}
+        self.desk = Desk(Roster((*TEAMS, 9), owners, heats), LapSettings(min_lap_time=1.0))
         self.start(HEAT, *TEAMS)
 
     def give(
@@ -190,15 +192,16 @@ class Window:
         """Return what the newest crossing of a kart says, and its button; empty: there is none."""
         return next((f'{row[2]} [{row[3]}]' for row in self.rows(1) if row[1] == kart), '')
 
-    def counting(self) -> list[bool]:
-        """Return which of the races a dialog says to count, newest first."""
+    def races(self) -> tuple[list[str], int]:
+        """Return the races between which a dialog has to choose, and the one that it suggests."""
         self.press('Which run counts…')
-        races = self.find('race')
-        counts = [', counts' in races.itemText(each) for each in range(races.count())]
+        choice = self.find('race')
+        listed = [choice.itemText(each) for each in range(choice.count())]
+        suggested = choice.currentData()
         self.press('Cancel')
         while self.widget.findChildren(QtWidgets.QDialog):
             self.settle()
-        return counts
+        return listed, suggested
 
     def close(self) -> None:
         self.widget.close()
@@ -230,12 +233,10 @@ def racing(application: Any, paper: Paper) -> Iterator[Window]:
 # ----- what it shows --------------------------------------------------------------------------
 
 
-def test_it_shows_the_race_what_is_asked_badges_with_numbers_and_frames_of_corrections(
+def test_it_shows_what_is_asked_badges_with_numbers_and_frames_of_corrections(
     racing: Window, paper: Paper
 ) -> None:
     assert racing.text('title') == HEAT
-    assert 'GREEN GREEN 4:1' in racing.text('about')
-    assert {row[2] for row in racing.rows(0)} == {*TEAMS.values()}
     assert 'cannot stop a race' in racing.text('stops')
     racing.count('7')
     racing.until(lambda: racing.crossing('7'))
@@ -244,6 +245,52 @@ def test_it_shows_the_race_what_is_asked_badges_with_numbers_and_frames_of_corre
         assert cell.grab().toImage().pixelColor(6, cell.height() // 2).name() == '#14171a'
     paper.tell(What.FINISH, 7)
     racing.until(lambda: 'Kart 7 is marked as finished, but 3 laps' in racing.text('warning'))
+
+
+def test_a_row_has_the_result_of_its_kart_and_the_header_and_the_dialog_the_race(
+    racing: Window, paper: Paper
+) -> None:
+    def rows() -> list[str]:
+        return [' | '.join(row) for row in racing.rows(0)]
+
+    def now() -> str:
+        return time.strftime('%H:%M', time.localtime(paper.now))
+
+    at = now()
+    paper.start(HEAT, 3, 7, 9)  # race control's roster does not have kart 9
+    assert paper.correct(Act.GIVE, 9, transponder='t9')
+    crossings = [(7, 10), (3, 2), (9, 1), (7, 38), (3, 1), (9, 3), (7, 37.25), (3, 1.5)]
+    for kart, after in (*crossings, (7, 40), (3, 2)):
+        paper.cross(kart, after)
+    racing.until(lambda: len(racing.rows(1)) == 10)
+    racing.press('Penalty…')
+    racing.confirm('Penalise', 'kart 9: -1 lap', kart='9', laps=1, reason='short cut')
+    first, second = (
+        '1 | 7 | Purdue | 3 | 2:13.750 |  | 0:41.000 | 0:41.500 | classified',
+        '2 | 3 | Georgia Tech | 3 | 2:15.750 | +2.000 | 0:40.000 | 0:42.000 | classified',
+    )
+    third = '3 | 9 |  | 0 | 0:55.000 | +3 laps | 0:42.000 | 0:42.000 | lap 2; -1 lap: short cut'
+    racing.until(lambda: rows() == [first, second, third])
+    red = [racing.table(0).item(place, 8).foreground().color().name() for place in range(3)]
+    assert red == ['#14171a', '#14171a', '#b3001b']
+    assert racing.text('about') == f'race to 3 laps · run of {at} · GREEN GREEN 4:12'
+    paper.tell(What.OVER)
+    out = ' | 9 |  | 0 | 0:55.000 |  | 0:42.000 | 0:42.000 | did not finish; -1 lap: short cut'
+    racing.until(lambda: rows() == [first, second, out])
+
+    later = now()
+    paper.start('Practice', *TEAMS)
+    for kart, after in ((7, 10), (3, 2), (7, 39), (3, 3)):
+        paper.cross(kart, after)
+    racing.until(lambda: racing.rows(0)[1][5] == '+1.000')  # between best laps
+    assert racing.text('about').startswith(f'practice · run of {later} · ')
+    # A correction is of the race that was run, not of the grid that forms.
+    paper.race, paper.heat = 9, ''
+    paper.tell(What.GRID_ACTIVE)
+    racing.until(lambda: racing.text('title') == 'Race')
+    listed, suggested = racing.races()
+    assert (f'{HEAT}, run of {at}: 2 classified, counts', suggested) == (listed[2], 3)
+    assert listed[0].endswith(': 0 classified')
 
 
 def test_what_is_not_heard_sent_or_answered_is_told_and_a_late_answer_too(
@@ -343,11 +390,12 @@ def test_a_transponder_is_given_to_its_kart_and_the_earlier_run_counts_once_it_i
     paper.lap(1, 9)
     racing.until(lambda: racing.status('3') == 'lap 2')
     paper.tell(What.OVER)
-    assert racing.counting() == [True, False]
+    assert [', counts' in each for each in racing.races()[0]] == [True, False]
     racing.press('Which run counts…')
     racing.find('race').setCurrentIndex(1)
     racing.confirm('Count this race', 'race 1 now counts as Heat 1')
-    racing.until(lambda: racing.counting() == [False, True])
+    racing.until(lambda: ', counts' not in racing.races()[0][0])
+    assert ', counts' in racing.races()[0][1]
 
 
 def test_a_penalty_needs_a_kart_a_cost_and_a_reason_and_a_row_that_was_clicked_is_its_kart(
@@ -437,10 +485,9 @@ def test_the_process_takes_a_name_that_ros_takes_for_a_number_and_ends_in_order(
     domain: int,
 ) -> None:
     words = '-m', 'evgp_timing.window', '--ros-args', '-p', 'official:=7'
-    environment = {'QT_QPA_PLATFORM': 'offscreen'}
     with (
         RosSide('beside', domain) as beside,
-        Program('window', [sys.executable, *words], domain, environment) as program,
+        Program('window', [sys.executable, *words], domain, OFFSCREEN) as program,
     ):
         beside.wait_until_polled(lambda: beside.node.count_subscribers('/rcs/race'), 'the window')
         program.signal(signal.SIGTERM)
@@ -450,16 +497,20 @@ def test_the_process_takes_a_name_that_ros_takes_for_a_number_and_ends_in_order(
 SCREENS = ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM')
 
 
-@pytest.mark.parametrize('package', ['evgp_timing.window', 'evgp_rcs_console.gui'])
+TIMEKEEPER, RACE = 'evgp_timing.window', 'evgp_rcs_console.gui'
+NO_QT = 'sys.modules.update(PySide6=None, PyQt6=None)', {}, 'Qt for Python .* python3-pyqt6'
+
+
 @pytest.mark.parametrize(
-    ('before', 'environment', 'why'),
+    ('package', 'before', 'environment', 'why'),
     [
-        ('sys.modules.update(PySide6=None, PyQt6=None)', {}, 'Qt for Python .* python3-pyqt6'),
-        ('sys.modules.update(PyQt6=None)', {'QT_API': 'pyqt6'}, 'Qt for Python .* PyQt6'),
-        ('', {}, 'no screen'),
-        ('', {'QT_QPA_PLATFORM': 'offscreen', 'EVGP_GRAPH_INTERFACE': '192.0.2.77'}, '192.0.2.77'),
+        (TIMEKEEPER, *NO_QT),
+        (RACE, *NO_QT),
+        (RACE, 'sys.modules.update(PyQt6=None)', {'QT_API': 'pyqt6'}, 'Qt for Python .* PyQt6'),
+        (TIMEKEEPER, '', {}, 'no screen'),
+        (RACE, '', {**OFFSCREEN, 'EVGP_GRAPH_INTERFACE': '192.0.2.77'}, '192.0.2.77'),
     ],
-    ids=['no Qt', 'not the Qt that was chosen', 'no screen', 'no such interface'],
+    ids=['no Qt', 'no Qt for the race', 'not the Qt that was chosen', 'no screen', 'no interface'],
 )
 def test_a_window_that_cannot_open_says_why_in_one_sentence(
     package: str, before: str, environment: dict[str, str], why: str

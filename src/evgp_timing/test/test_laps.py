@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import itertools
 from typing import Any
 
-from evgp_node.results import BY_HAND, KartResult, Mark, Passing, Penalty, Status
+from evgp_node.results import BY_HAND, KartResult, lap_time, Mark, Passing, Penalty, Status
 from evgp_node.roster import Format, Heat
 from evgp_timing.laps import Laps, LapSettings, MOST_A_RACE, MOST_SOURCES, ranked
 from evgp_timing.passings import MAX_RATE
@@ -288,3 +288,18 @@ def test_the_end_says_who_did_not_finish_and_a_penalty_makes_no_result_better_an
     assert not after[1].place or after[1].place >= before[1].place
     other = penalty._replace(kart=2)
     assert punished.penalise(other).undo_penalty(1).results == story.laps.penalise(other).results
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'digits', 'text'),
+    [
+        (65.0309, 3, '1:05.031'),
+        (59.9996, 3, '1:00.000'),
+        (-1.04, 1, '-0:01.0'),
+        (252.4, 0, '4:12'),
+        (None, 3, ''),
+        (float('inf'), 3, ''),
+    ],
+)
+def test_a_time_is_minutes_and_seconds(seconds: float | None, digits: int, text: str) -> None:
+    assert lap_time(seconds, digits) == text
