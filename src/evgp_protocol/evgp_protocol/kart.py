@@ -109,14 +109,6 @@ class Kart:
         """
         self.follow(self._arbiter.team_stop(source, engaged, now))
 
-    def speed(self, metres_per_s: float, now: float) -> bytes:
-        """
-        Record the kart's measured speed, in m/s. From then on, every red requires a speed.
-
-        :return: bytes to send: with `Settings.auto_acknowledge_stop`, the acknowledgement.
-        """
-        return self.follow(self._arbiter.speed(metres_per_s, now))
-
     def acknowledge(self, order: int, now: float) -> bytes:
         """
         Report that the kart has reached the state of a verdict.
