@@ -41,7 +41,8 @@ def test_it_listens_to_the_odometry_it_is_told_of_and_comes_back_when_it_is_kill
     domain = {'ROS_DOMAIN_ID': str(team.context.get_domain_id())}
     made = parts.enter_context(Terminal(words, domain, ROOT))
     first = team.wait_for_state(RaceState.IN_GARAGE)
-    assert team.node.count_subscribers('/odom') == 1
+    # DDS may find its publisher of the race state before its subscription.
+    team.wait_until_polled(lambda: team.node.count_subscribers('/odom') == 1, 'to hear odometry')
     os.kill(family(made.process.pid)[-1], signal.SIGKILL)
     team.wait_for(lambda told: told.order not in (0, first.order), 'the bridge again')
     again = family(made.process.pid)[-1]
