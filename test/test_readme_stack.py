@@ -17,7 +17,6 @@ import time
 from evgp_protocol.states import RaceState
 from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain
-from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.kart import Bridge
 from evgp_testing.process import Process, Program
 from evgp_testing.race_control import address_of
@@ -139,22 +138,14 @@ def test_the_stack_on_the_first_page_acknowledges_all_that_a_kart_at_rest_has_do
 
 
 def test_two_karts_race_in_one_domain_each_in_a_namespace_of_its_own(
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-    parts: contextlib.ExitStack,
-    domain: int,
+    parts: contextlib.ExitStack, domain: int
 ) -> None:
-    control = start_race_control(in_race=[1, 2])
-    official = join_official(control)
-    drivers = []
+    races, drivers = [], []
     for number in (1, 2):
         here = ('-r', f'__ns:=/kart{number}')
-        bridge = Bridge(
-            domain,
-            control.port,
-            address_of(number),
-            arguments=(*here, '-r', '~/odom:=odom'),
-        )
+        race = parts.enter_context(BareRaceControl())
+        odometry = ('-r', '~/odom:=odom')
+        bridge = Bridge(domain, race.port, address_of(number), arguments=(*here, *odometry))
         parts.enter_context(bridge)
         base = [sys.executable, '-m', 'evgp_testing.base', '--ros-args', *here]
         parts.enter_context(Program('base', base, domain))
@@ -164,9 +155,11 @@ def test_two_karts_race_in_one_domain_each_in_a_namespace_of_its_own(
         drivers.append(parts.enter_context(process))
         unheard = (*here, '-r', 'cmd_vel:=unused')
         parts.enter_context(Process('evgp_kart_bridge', acknowledger, domain, arguments=unheard))
+        races.append(race)
 
-    official.wait_for_connected(1, 2)
     for process in drivers:
-        process.wait_for_line('IN_GARAGE')  # it must hear the GRID_ACTIVE
-    official.bring_to(RaceState.GREEN_GREEN)
-    official.bring_to(RaceState.RED_RED)
+        process.wait_for_line('IN_GARAGE')
+    for state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN, RaceState.RED_RED):
+        for race, process in zip(races, drivers, strict=True):
+            race.exchange(state)
+            process.wait_for_line(state.value)
