@@ -214,7 +214,7 @@ class Heats(Choice):
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         about = (
             "Adds the heat's karts to the race and removes all others. "
-            "Type the heat's number, then press Enter."
+            'Enter takes the marked heat; to mark another, type its number first.'
         )
         super().__init__(parent, 'heats', 'Which heat?', about)
 
