@@ -30,9 +30,8 @@ from rig.faults import faults_in, module_with
 
 PACKAGE = pathlib.Path(__file__).parents[1] / 'src/evgp_race_watch_cpp'
 HEADER = 'evgp_race_watch_cpp/orders.hpp'
-PROBE = PACKAGE / 'test/orders_probe.cpp'
 WARNINGS = ('-Wall', '-Wextra', '-Wpedantic', '-Werror', '-Wconversion', '-Wshadow')
-FLAGS = ('-std=c++17', *WARNINGS)
+FLAGS = ('-std=c++17', '-pthread', *WARNINGS)
 COMPILERS = [each for each in ('g++', 'clang++') if shutil.which(each)]
 LEASE = 0.5
 NO_NODE: Any = None
@@ -143,10 +142,11 @@ class InPython:
         # Of two watches, which hear the same.
         self._orders, self._others = (self._rules.Orders(LEASE) for _ in range(2))
         self._seen: list[orders.Order] = []
-        self._answer(0.0, False)
+        self._answer(RaceState.RED_RED, 0.0, False)
 
     def step(self, kind: str, now: float, *given: Any) -> str:
         asks = False
+        glanced = self._orders.judge(now)[0]  # before anybody notices that time has passed
         if kind == 'hear':
             heard, age = given
             for each in (self._orders, self._others):
@@ -161,19 +161,19 @@ class InPython:
             asks = self._orders.asks(self._others.order(now), now)
         else:
             asks = self._orders.asks(self._seen[-1 - given[0] % len(self._seen)], now)
-        return self._answer(now, asks)
+        return self._answer(glanced, now, asks)
 
     def _said(self, bridge: int, state: int, reached: int, order: int, done: bool) -> orders.Said:
         states = [state_of(RaceStateMessage(state=each)) for each in (state, reached)]
         said: orders.Said = self._rules.Said(bridge, *states, order, done, f'of bridge {bridge}')
         return said
 
-    def _answer(self, now: float, asks: bool) -> str:
+    def _answer(self, glanced: RaceState, now: float, asks: bool) -> str:
         order = self._orders.order(now)
         if order not in self._seen:
             self._seen.append(order)
         reached = order.reached.value if order.reached else 'UNKNOWN'
-        words = (self._seen.index(order), order.state.value, order.number, reached)
+        words = (glanced.value, self._seen.index(order), order.state.value, order.number, reached)
         return ' '.join(map(str, (*words, int(asks), self._orders.judge(now)[1])))
 
 
@@ -238,12 +238,14 @@ def compile_probe(tmp_path_factory: pytest.TempPathFactory) -> Compile:
     """Return a function that compiles a probe with a header's text, without a warning, once."""
 
     @functools.cache
-    def compile_it(text: str, compiler: str = COMPILERS[0]) -> pathlib.Path:
+    def compile_it(
+        text: str, compiler: str = COMPILERS[0], probe: str = 'orders_probe.cpp'
+    ) -> pathlib.Path:
         folder = tmp_path_factory.mktemp('rules')
         header, program = folder / HEADER, folder / 'probe'
         header.parent.mkdir()
         header.write_text(text)
-        command = [compiler, *FLAGS, '-I', folder, PROBE, '-o', program]
+        command = [compiler, *FLAGS, '-I', folder, PACKAGE / 'test' / probe, '-o', program]
         subprocess.run(command, check=True)
         return program
 
@@ -260,7 +262,7 @@ def check_stories(rules: InPython | InCpp) -> None:
         for kind, passes, *words in story.steps:
             now += passes
             answer = rules.step(kind, now, *words)
-        _, obeyed, _, _, asked, why = answer.split(' ', 5)
+        *_, obeyed, _, _, asked, why = answer.split(' ', 6)
         assert (obeyed, why, asked == '1') == story[1:], (name, answer)
 
 
@@ -283,10 +285,40 @@ def test_no_watch_lets_a_kart_drive_on_for_long_after_its_bridge_has_died(
         rules.begin()
         for lease in (0.5, 2.0, 2.1, 6.0, 0.0, -1.0):
             right = lease in (0.5, 2.0)
-            refused = rules.step('lease', lease).split()[4]
+            refused = rules.step('lease', lease).split()[5]
             assert refused == str(int(not right)), lease
             with pytest.raises(AttributeError if right else ValueError):
                 RaceStateWatch(NO_NODE, lease=lease)
+
+
+WHOLE = '0 torn, 0 over, 0 allocated\n'
+
+
+def read_in_three_threads(compile_probe: Compile, text: str) -> str:
+    program = compile_probe(text, probe='glance_probe.cpp')
+    return subprocess.run([program], stdout=subprocess.PIPE, text=True, check=True).stdout
+
+
+def test_an_order_is_read_whole_beside_its_writer_without_memory_and_none_that_is_over(
+    compile_probe: Compile,
+) -> None:
+    assert read_in_three_threads(compile_probe, IN_CPP) == WHOLE
+
+
+@pytest.mark.long
+@pytest.mark.longest
+@pytest.mark.parametrize(
+    'fault',
+    [
+        ('slots_[(turn_ + 1) %', 'slots_[turn_ %'),
+        ('      settle(now);\n    }', '      order(now);\n    }'),
+    ],
+    ids=str,
+)
+def test_a_fault_in_the_reading_of_orders_is_found(
+    compile_probe: Compile, fault: tuple[str, str]
+) -> None:
+    assert read_in_three_threads(compile_probe, faulty(IN_CPP, fault)) != WHOLE
 
 
 FAULTS_IN_CPP = [
@@ -295,13 +327,15 @@ FAULTS_IN_CPP = [
     ('heard_at_ = since;', 'heard_at_ = since + 0.125;'),
     ('*bridges_alive_ == 1', '*bridges_alive_ >= 1'),
     ('RaceState::GREEN_GREEN && !is_armed(now)', 'RaceState::UNKNOWN'),
-    ('order(now);  // a doubt', '// a doubt'),
-    ('      follow(now);\n      order(now);', '      follow(now);'),
+    ('settle(now);  // a doubt', '// a doubt'),
+    ('      follow(now);\n      settle(now);', '      follow(now);'),
     ('forgives = now - sure_at_ <= FORGIVEN && is_alone()', 'forgives = true'),
     ('if (alive > 1)', 'if (alive > 2)'),
     ('done != present || ', ''),
-    ('++watches_ << 40', '1'),
-    ('      ++order.serial;\n', ''),
+    ('++watches_ << 40 | 1', '1'),
+    ('now > slot.ends_at', 'now > slot.ends_at + 0.125'),
+    ('starts ? sure_at_ + FORGIVEN', 'starts ? endless'),
+    ('(order.serial | 1) +', 'order.serial + 1 +'),
     (' || said_->acknowledged', ''),
     ('now < ask_again_at_', 'false'),
     ('state == RaceState::RED_RED && reached == RaceState::RED_FLAG', 'false'),

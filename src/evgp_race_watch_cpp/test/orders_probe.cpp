@@ -27,6 +27,7 @@ int main()
   double now = 0.0;
   while (std::cin >> word >> now) {
     bool asks = false;
+    const auto glanced = orders ? orders->glance(now) : Order();
     if (word == "begin") {
       orders = std::make_unique<Orders>(0.5);
       others = std::make_unique<Orders>(0.5);
@@ -67,16 +68,18 @@ int main()
       asks = orders->asks(seen[seen.size() - 1 - index % seen.size()], now);
     }
     const auto order = orders->order(now);
-    const bool wrong = order == others->order(now);
+    bool wrong = orders->glance(now) != order || order == others->order(now);
     std::size_t index = 0;
     while (index < seen.size() && seen[index].serial != order.serial) {
       ++index;
     }
+    for (const auto & each : seen) {
+      wrong |= each.serial == glanced.serial && each != glanced;  // one serial, two orders
+    }
     if (index == seen.size()) {
       seen.push_back(order);
     }
-    std::cout << (wrong ? "wrong " : "") << index << ' ' << name_of(order.state) << ' ' <<
-      order.number << ' ' << name_of(order.reached) << ' ' << asks << ' ' <<
-      orders->judge(now).second << std::endl;
+    std::cout << (wrong ? "wrong " : "") << name_of(glanced.state) << ' ' << index << ' ' << name_of(order.state) << ' ' << order.number << ' ' <<
+      name_of(order.reached) << ' ' << asks << ' ' << orders->judge(now).second << std::endl;
   }
 }

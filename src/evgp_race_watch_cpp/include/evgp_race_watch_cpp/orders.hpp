@@ -9,7 +9,10 @@
 #ifndef EVGP_RACE_WATCH_CPP__ORDERS_HPP_
 #define EVGP_RACE_WATCH_CPP__ORDERS_HPP_
 
+#include <algorithm>
+#include <array>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <optional>
@@ -91,7 +94,7 @@ class Orders
 public:
   /// \param lease silence of the bridge after which the kart must obey RED_RED, in seconds.
   explicit Orders(double lease)
-  : lease_(lease) {}
+  : lease_(lease) {order(never);}
 
   /// The bridge's last message, if there was one.
   const std::optional<Said> & said() const {return said_;}
@@ -99,16 +102,32 @@ public:
   /// The current order; its serial stays the same until the kart has to do something else.
   Order order(double now)
   {
-    Order order{order_.serial, judge(now).first};
-    if (said_ && doubt(now).empty() && said_->order && includes(order.state, said_->reached)) {
-      order.number = said_->order;
-      order.reached = said_->reached;
-    }
-    if (order != order_) {
-      ++order.serial;
-      order_ = order;
-    }
+    settle(now);
+    Slot & slot = slots_[(turn_ + 1) % slots_.size()];  // glance() may read the one before
+    slot.serial = order_.serial;
+    slot.state = order_.state;
+    slot.number = order_.number;
+    slot.reached = order_.reached;
+    slot.ends_at = ends_at();
+    ++turn_;
     return order_;
+  }
+
+  /// The last result of order(), but RED_RED once that result has expired without a new message.
+  ///
+  /// Call it in any thread, even while another one calls a non-const function: it takes no lock
+  /// and allocates nothing.
+  Order glance(double now) const
+  {
+    while (true) {
+      const std::size_t turn = turn_;
+      const Slot & slot = slots_[turn % slots_.size()];
+      const Order order{slot.serial, slot.state, slot.number, slot.reached};
+      const bool is_over = now > slot.ends_at;
+      if (turn_ - turn < slots_.size() - 1) {  // otherwise order() may have changed the slot
+        return is_over ? Order{order.serial | 1} : order;
+      }
+    }
   }
 
   /// The state to obey, and why it differs from the command; empty if it does not.
@@ -147,13 +166,14 @@ public:
   /// Process the bridge's messages, oldest first; none of them was sent before `since`.
   void hear(const std::vector<Said> & heard, double since, double now)
   {
-    order(now);  // a doubt or another state in between ends the previous order
+    settle(now);  // a doubt or another state in between ends the previous order
     heard_at_ = since;
     for (const auto & said : heard) {
       said_ = said;
       follow(now);
-      order(now);
+      settle(now);
     }
+    order(now);  // only now: glance() must not return a GREEN_GREEN that is already over
   }
 
   /// Process the number of bridges that the middleware reports as alive.
@@ -193,7 +213,40 @@ public:
   }
 
 private:
-  static constexpr double never = -std::numeric_limits<double>::infinity();
+  static constexpr double endless = std::numeric_limits<double>::infinity();
+  static constexpr double never = -endless;
+
+  struct Slot
+  {
+    std::atomic<std::uint64_t> serial{0}, number{0};
+    std::atomic<RaceState> state{RaceState::RED_RED}, reached{RaceState::UNKNOWN};
+    std::atomic<double> ends_at{0.0};
+    static_assert(decltype(serial)::is_always_lock_free && decltype(ends_at)::is_always_lock_free);
+  };
+
+  /// Begin a new order if the kart has to do something else.
+  void settle(double now)
+  {
+    Order order{order_.serial, judge(now).first};
+    if (said_ && doubt(now).empty() && said_->order && includes(order.state, said_->reached)) {
+      order.number = said_->order;
+      order.reached = said_->reached;
+    }
+    if (order != order_) {
+      // Odd if and only if the rest equals Order{}, so that glance() can predict the next serial.
+      const bool is_doubt = order == Order{order.serial};
+      order.serial = (order.serial | 1) + (is_doubt ? 0 : 1);
+      order_ = order;
+    }
+  }
+
+  /// The time at which the current order expires without a new message.
+  double ends_at() const
+  {
+    const bool starts = order_.state == RaceState::GREEN_GREEN;
+    const double unarmed_at = starts ? sure_at_ + FORGIVEN : endless;
+    return order_ == Order{order_.serial} ? endless : std::min(heard_at_ + lease_, unarmed_at);
+  }
 
   bool is_alone() const {return !bridges_alive_ || *bridges_alive_ == 1;}
 
@@ -237,7 +290,9 @@ private:
   std::optional<std::uint64_t> grid_by_;  // the same, even if it no longer arms
   double sure_at_ = never;  // the last time without a doubt
   static inline std::atomic<std::uint64_t> watches_{0};  // each has its own serials
-  Order order_{++watches_ << 40};
+  Order order_{++watches_ << 40 | 1};
+  std::array<Slot, 4> slots_;  // the last values of order_, and when each expires
+  std::atomic<std::size_t> turn_{0};
   std::uint64_t asked_ = 0;
   double ask_again_at_ = never;
 };

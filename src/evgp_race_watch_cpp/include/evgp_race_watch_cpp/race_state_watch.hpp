@@ -116,12 +116,8 @@ public:
   /// publishes RED_RED, has not been heard yet, has been silent for the lease, is gone, or
   /// publishes an unknown state. It is also RED_RED if two bridges run, or if the watch has not
   /// heard GRID_ACTIVE before GREEN_GREEN. You can call this in any thread, even while the executor
-  /// is busy, and in a loop of 1 kHz: it checks the clock, and waits for no message and no log.
-  Order order()
-  {
-    const std::lock_guard<std::mutex> lock(ordering_);
-    return orders_.order(now());
-  }
+  /// is busy, and in a loop of 1 kHz: it takes no lock and allocates nothing, unlike acknowledge().
+  Order order() const {return orders_.glance(now());}
 
   /// Why the state is not what race control commands, for people; empty if it is.
   std::string reason() const
@@ -192,17 +188,15 @@ private:
   /// would show their time only if the clocks of bridge and stack agreed.)
   void pass(std::vector<Said> heard, std::optional<int> bridges_alive = {})
   {
-    std::unique_lock<std::mutex> lock(ordering_);  // so that the constructor has ended
-    lock.unlock();  // the middleware must not delay readers of the order
+    std::unique_lock<std::mutex> lock(ordering_);
+    if (bridges_alive) {
+      orders_.count_bridges(*bridges_alive);
+    }
     const double began = now();
     Message message;
     rclcpp::MessageInfo information;
     while (heard.size() <= BACKLOG && subscription_->take(message, information)) {
       heard.push_back(said_of(message));
-    }
-    lock.lock();
-    if (bridges_alive) {
-      orders_.count_bridges(*bridges_alive);
     }
     if (!heard.empty()) {
       orders_.hear(heard, passed_, now());
@@ -243,7 +237,7 @@ private:
     logged_last_ = reason;
   }
 
-  mutable std::mutex ordering_;  // guards orders_
+  mutable std::mutex ordering_;  // guards orders_, except glance()
   const std::function<void(RaceState)> on_change_;
   const rclcpp::Logger log_;
   Orders orders_;
