@@ -5,10 +5,6 @@
 
 from __future__ import annotations
 
-import pathlib
-import re
-
-from evgp_inspection import oracle
 from evgp_inspection.kart_script import STEPS
 from evgp_inspection.kart_sentences import BY_NAME
 from evgp_inspection.limits import Limits
@@ -166,12 +162,3 @@ def test_every_trace_has_findings_on_sentences_that_exist_and_their_evidence_is_
 
 def test_of_nothing_nothing_is_found() -> None:
     assert Oracle(LIMITS).findings() == {}
-
-
-def test_the_oracle_names_no_sentence_that_is_not_in_the_table_and_the_table_none_in_vain() -> (
-    None
-):
-    named = set(
-        re.findall(r"'(K-\d[A-F]-\d\d)'", pathlib.Path(oracle.__file__).read_text('utf-8'))
-    )
-    assert named == set(BY_NAME)
