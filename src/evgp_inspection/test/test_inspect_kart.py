@@ -29,6 +29,7 @@ from evgp_inspection.odometry import Datagrams, Take
 from evgp_inspection.recording import Recording, RESET
 from evgp_inspection.traces import Kind
 from evgp_inspection.verdicts import Inspection, select, Verdict
+from evgp_protocol.states import RaceState
 from inspected_kart import BREAKS, FAULTS, HABITS, Kart
 import pytest
 import simulated
@@ -253,6 +254,30 @@ async def connected() -> AsyncIterator[tuple[Recording, KartWire, socket.socket]
         assert await recording.until(lambda: wire.connected, 10.0)
         yield recording, wire, kart
     await wire.shut_down()
+
+
+@pytest.mark.parametrize(
+    ('kart_address', 'heard'), [('', [b'$', b'']), ('127.0.0.7', [b'', b'$'])]
+)
+def test_no_more_than_one_kart_is_sent_anything(kart_address: str, heard: list[bytes]) -> None:
+    async def two_karts() -> list[bytes]:
+        wire = KartWire(Recording(Limits(), print), lambda line: None, kart_address)
+        await wire.listen('127.0.0.1', 0)
+        wire.order(RaceState.RED_RED)
+        found = []
+        for address in ('127.0.0.1', '127.0.0.7'):
+            reader, writer = await asyncio.open_connection(
+                '127.0.0.1', wire.port, local_addr=(address, 0)
+            )
+            try:
+                found.append(await reader.read(1))
+            except ConnectionResetError:
+                found.append(b'')
+            writer.close()
+        await wire.shut_down()
+        return found
+
+    assert asyncio.run(two_karts()) == heard
 
 
 def test_a_connection_is_closed_in_order_whatever_the_kart_has_just_said() -> None:
