@@ -6,18 +6,19 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Collection
+from collections.abc import AsyncIterator, Callable, Collection, Coroutine
 import contextlib
 import dataclasses
 import functools
 import itertools
 import os
 import pathlib
+import selectors
 import socket
 import subprocess
 import sys
 import time
-from typing import Any
+from typing import Any, TypeVar
 
 from evgp_inspection.inspection import inspect
 from evgp_inspection.inspector import Unattended
@@ -32,7 +33,8 @@ from evgp_inspection.verdicts import Inspection, select, Verdict
 from evgp_protocol.states import RaceState
 from inspected_kart import BREAKS, FAULTS, HABITS, Kart
 import pytest
-import simulated
+
+T = TypeVar('T')
 
 INSPECTIONS = int(os.environ.get('EVGP_INSPECTIONS', '200'))
 
@@ -59,6 +61,34 @@ SHORT = Limits(
 
 FULL = dataclasses.replace(Limits(), seed=1.0)
 """The limits of real inspections."""
+
+
+class _Clock(selectors.EpollSelector):
+    """
+    Waits by moving the clock, so that an inspection of eight minutes takes seconds.
+
+    Sockets are real, on loopback, where a byte that was sent is there to be read when `send`
+    returns. So whenever nothing is ready, nothing can become ready but a timer.
+    """
+
+    now = 0.0
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        ready = super().select(0)
+        if not ready and timeout is None:
+            return super().select(None)  # no timer is left: something outside ends this
+        if not ready and timeout is not None and timeout > 0:
+            self.now += timeout
+        return ready
+
+
+def simulated(what: Coroutine[Any, Any, T]) -> T:
+    """Run a coroutine on a clock that moves only while nothing is left to do."""
+    clock = _Clock()
+    loop = asyncio.SelectorEventLoop(clock)
+    loop.time = lambda: clock.now  # type: ignore[method-assign]
+    with contextlib.closing(loop):
+        return loop.run_until_complete(what)
 
 
 def those(inspection: Inspection, verdict: Verdict) -> dict[str, str]:
@@ -93,7 +123,7 @@ class OneInspection:
 
     def inspect(self) -> Inspection:
         """Inspect to the end, on a simulated clock."""
-        return simulated.run(self.run())
+        return simulated(self.run())
 
     async def run(self) -> Inspection:
         try:
@@ -221,7 +251,7 @@ def test_an_inspection_that_is_stopped_while_the_kart_drives_stops_the_kart() ->
         one.stopping.set()
         return await running, one
 
-    inspection, one = simulated.run(stopped())
+    inspection, one = simulated(stopped())
     assert one.kart is not None
     assert one.kart.speed == 0.0
     assert one.kart.last_heard == b'$RED_RED;'
@@ -319,7 +349,7 @@ def test_a_kart_that_never_comes_is_not_judged() -> None:
         limits = Limits(connect=0.1, hold=0.0)
         return await inspect(Unattended(), limits, KART, asyncio.Event())
 
-    inspection = simulated.run(alone())
+    inspection = simulated(alone())
     assert inspection.verdict is not Verdict.PASS
     assert 'K-4A-01' in those(inspection, Verdict.FAIL)
 
