@@ -33,16 +33,12 @@ RCS = 'evgp_rcs/rcs_node'
 @pytest.mark.parametrize(
     ('program', 'given', 'arguments', 'said'),
     [
-        ('evgp_kart_bridge/kart_bridge_node', {}, (), ['parameter host is missing']),
-        ('evgp_timing/timing_source', {'kind': 'p3'}, (), ['parameter device']),
-        ('evgp_rcs_console/rcs_button', {'device': 'event3'}, (), ['parameter device']),
         ('evgp_timing/timekeeper', {'roster': '/nowhere/a.yaml'}, (), ['/nowhere/a.yaml: cannot']),
         (RCS, {'roster': 'faulty.yaml'}, (), ['faulty.yaml:2:', 'address', 'faulty.yaml:3:']),
         (RCS, {}, ('--unheard-of',), ['unknown ROS arguments']),
         (RCS, {}, ('-p', 'officials:=[Anna, 3]'), ['rcl', 'Sequence should be of same type']),
         (RCS, {}, ('--params-file', 'broken.yaml'), ["broken.yaml:4: expected ',' or ']', but"]),
         (RCS, {}, ('--params-file', 'other.yaml'), ['rcs: other.yaml:1: ']),
-        (RCS, {}, ('--params-file', 'absent.yaml'), ['rcs: absent.yaml: cannot be read (']),
     ],
 )
 def test_a_wrong_setting_ends_a_program_with_a_sentence_for_each_fault(
@@ -77,6 +73,7 @@ WRONG_VALUES = {
         (['address:=..'], "parameter address: '..' is not an IPv4 address"),
     ],
     bridge: [
+        ([], 'parameter host is missing'),
         (['host:=racecontrol'], "parameter host: 'racecontrol' is not an IPv4 address"),
         ([HOST, 'local_address:=10.0.0.256'], 'parameter local_address'),
         ([HOST, 'frame_timeout:=5.0'], 'parameter frame_timeout.* from 0.2 to 1'),
@@ -87,6 +84,7 @@ WRONG_VALUES = {
         (['first_crossing:=begins'], "parameter first_crossing: 'begins' is not valid"),
     ],
     timing_source: [
+        ([KIND], 'parameter device'),
         (['kind:=p4', 'device:=10.0.0.1:5403'], "parameter kind: 'p4'"),
         ([KIND, 'device:=10.0.0.1'], 'parameter device'),
         ([KIND, DEVICE, 'source:=official'], "parameter source: 'official'"),
@@ -96,6 +94,7 @@ WRONG_VALUES = {
     ],
     button: [
         ([], 'parameter device'),
+        (['device:=event3'], 'parameter device'),
         ([DEVICE, 'key:=768'], 'parameter key'),
         ([DEVICE, 'keys:=3'], 'did you mean key?'),
     ],
@@ -140,14 +139,16 @@ PAUSE = '/**:\n  ros__parameters:\n    pause: 2.0\n'
         ('- pause: 2.0\n', ':1', ''),
         ('/**:\n  ros__parameters: &all\n    pause: *all\n', ':3', ''),
         ('[' * 3000, '', ''),
+        (None, '', ''),  # there is no such file
         ('\ufeff' + PAUSE.replace('\n', '\r\n'), None, ''),
     ],
 )
 def test_what_is_wrong_with_a_parameter_file_is_known_with_its_line(
-    tmp_path: pathlib.Path, content: str | bytes, line: str | None, said: str
+    tmp_path: pathlib.Path, content: str | bytes | None, line: str | None, said: str
 ) -> None:
     path = tmp_path / 'rcs.yaml'
-    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    if content is not None:
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
     arguments = ['--params-file', str(path)]
     stops = [*unreadable(arguments)]
     found = stops or [*ignored(arguments, '/rcs', alone=False)]

@@ -531,7 +531,7 @@ def test_a_stack_that_fails_brakes_to_a_stop(
 @pytest.mark.parametrize(
     ('package', 'program', 'arguments', 'environment', 'said'),
     [
-        # Other nodes: test_bad_settings.py shows that they start by the same function.
+        # Our nodes all start by one function (test_bad_settings.py).
         ('evgp_kart_bridge', 'example_stack', (), {'ROS_DOMAIN_ID': '233'}, '233'),
         ('evgp_rcs_console', 'rcs_ctl', ('watch',), {'ROS_DOMAIN_ID': '233'}, '233'),
         (

@@ -103,8 +103,6 @@ sys.exit(process.run_node('hanging', Hanging))
         (['close'], 1),
         (['running'], 1),
         (['fails', 'teardown'], 1),
-        (['fails'], 1),
-        ([], 0),
     ],
 )
 def test_a_process_ends_in_time_and_with_its_exit_code_whatever_hangs_however_often_it_is_told(
