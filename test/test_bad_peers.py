@@ -38,10 +38,8 @@ KART = address_of(BAD)
 STRANGER = '127.0.9.9'
 
 ATTACKS = {
-    'slow_reader': KART,
     'flood': KART,
     'random_bytes': KART,
-    'half_close': KART,
     'reset': KART,
     'reconnects': KART,
     'hammer': STRANGER,
@@ -62,11 +60,6 @@ MOST_LINES = 80
 
 MOST_MEMORY = 30 * 1024
 """So much more memory race control may need after an attack, KiB: one copy of what it has."""
-
-
-def attacked_race(folder: pathlib.Path) -> WireRace:
-    """Start a race with two good karts, and one in the roster that is not good."""
-    return WireRace(folder, RACING, [BAD], absent=[BAD])
 
 
 def end_race(race: WireRace) -> None:
@@ -120,8 +113,13 @@ def check_all_kill(race: WireRace) -> None:
 
 @pytest.fixture(scope='module')
 def attacked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireRace]:
-    """Return the race that all attacks of this file meet, one after the other."""
-    with attacked_race(tmp_path_factory.mktemp('attacked')) as race:
+    """
+    Return the race that all attacks of this file meet, one after the other.
+
+    Two of its karts are good, and one in the roster is not.
+    """
+    folder = tmp_path_factory.mktemp('attacked')
+    with WireRace(folder, RACING, [BAD], absent=[BAD]) as race:
         yield race
 
 
@@ -140,20 +138,20 @@ def test_a_bad_peer_costs_only_itself(attacked: WireRace, attack: str) -> None:
     end_race(attacked)
 
 
-def test_out_of_files_the_race_goes_on_and_karts_come_back_later(tmp_path: pathlib.Path) -> None:
-    with attacked_race(tmp_path) as race:
-        race.bring_to(GREEN_GREEN)
-        pid = race.control.kart_server_pid
-        lines = len(race.control.lines)
-        _, hard = resource.prlimit(pid, resource.RLIMIT_NOFILE)
-        resource.prlimit(pid, resource.RLIMIT_NOFILE, (open_files(pid) + 1, hard))
-        with attacking('many_connections', race.control.port):
-            check_frames(race)
-            check_all_kill(race)
-        assert len(race.control.lines) - lines <= MOST_LINES, race.control.output
-        resource.prlimit(pid, resource.RLIMIT_NOFILE, (hard, hard))
-        with WireKart(address_of(BAD), race.control.port) as late:
-            late.wait_for_frames(1)
+def test_out_of_files_the_race_goes_on_and_karts_come_back_later(attacked: WireRace) -> None:
+    control = attacked.control
+    attacked.bring_to(GREEN_GREEN)
+    lines, pid = len(control.lines), control.kart_server_pid
+    _, hard = resource.prlimit(pid, resource.RLIMIT_NOFILE)
+    resource.prlimit(pid, resource.RLIMIT_NOFILE, (open_files(pid) + 1, hard))
+    with attacking('many_connections', control.port):
+        check_frames(attacked)
+        check_all_kill(attacked)
+    assert len(control.lines) - lines <= MOST_LINES, control.output
+    resource.prlimit(pid, resource.RLIMIT_NOFILE, (hard, hard))
+    with WireKart(address_of(BAD), control.port) as late:
+        late.wait_for_frames(1)
+    end_race(attacked)
 
 
 def test_a_kart_that_reconnects_too_often_is_refused_and_told_of_seldom(

@@ -43,21 +43,6 @@ class Attack:
     def random_bytes(self) -> Iterator[None]:
         return self._pour(lambda: os.urandom(4096))
 
-    def slow_reader(self) -> Iterator[None]:
-        """Never read, with a tiny buffer."""
-        with self._connected(receive_buffer=1) as peer:
-            yield
-            hung_up = select.poll()
-            hung_up.register(peer, select.POLLRDHUP)
-            hung_up.poll()
-
-    def half_close(self) -> Iterator[None]:
-        with self._connected() as peer:
-            peer.shutdown(socket.SHUT_WR)
-            yield
-            while peer.recv(4096):
-                pass
-
     def reset(self) -> Iterator[None]:
         """Connect and reset, again and again."""
         with self._connected() as peer:
@@ -86,11 +71,9 @@ class Attack:
                 if number % 50 == 0:
                     time.sleep(0.02)
 
-    def _connected(self, receive_buffer: int = 0, wait: bool = True) -> socket.socket:
+    def _connected(self, wait: bool = True) -> socket.socket:
         peer = socket.socket()
         try:
-            if receive_buffer:
-                peer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
             # So that the port is chosen in `connect`. For `bind`, none will do that another
             # connection just had, and with thousands of those, its search takes 3 ms each time.
             peer.setsockopt(socket.IPPROTO_IP, IP_BIND_ADDRESS_NO_PORT, 1)
