@@ -158,7 +158,6 @@ def check_that_an_official_sees(domain: int) -> None:
     assert (code, 'Team 1' in printed) == (0, True)
 
 
-@pytest.mark.own_process
 def test_a_race_goes_on_while_the_officials_address_is_gone_and_its_officials_are_back_with_it(
     networks: TwoNetworks,
     start_race_control: StartRaceControl,
