@@ -95,18 +95,16 @@ class MakeRun(Terminal):
         self.process.wait(PATIENCE)
 
 
-@pytest.fixture
-def terminal(parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path) -> MakeRun:
+def test_race_control_that_was_killed_comes_back_in_red_red(
+    parts: contextlib.ExitStack,
+    domain: int,
+    tmp_path: pathlib.Path,
+    record_property: Callable[[str, object], None],
+) -> None:
     terminal = parts.enter_context(MakeRun(tmp_path, domain))
     for said in STARTED.values():
         terminal.wait_for(said)
     terminal.shown = ''
-    return terminal
-
-
-def test_race_control_that_was_killed_comes_back_in_red_red(
-    terminal: MakeRun, record_property: Callable[[str, object], None]
-) -> None:
     kart = terminal.connect()
     kart.wait_for_state(IN_GARAGE)
     for what, half in (('the ROS half', 0), ('the kart server', 1)):
@@ -139,38 +137,10 @@ def test_race_control_that_was_killed_comes_back_in_red_red(
     os.kill(terminal.processes_of('timekeeper')[0], signal.SIGKILL)
     terminal.wait_until_back('timekeeper')
 
-
-def loop_of_race_control(terminal: MakeRun) -> int:
-    """Return the process that keeps race control running."""
-    return next(
-        pid
-        for pid in sorted(terminal.inside)
-        if {'-m', 'evgp_node.restarting'} <= {*command_of(pid)}
-        and 'rcs_node' in command_of(pid)[3]
-    )
+    terminal.close()  # by its window: all of it ends for good
 
 
-ENDS: dict[str, Callable[[MakeRun], object]] = {
-    'Ctrl-C': lambda terminal: terminal.press('\x03'),
-    'terminal closed': MakeRun.hang_up,
-    'killed': lambda terminal: os.kill(loop_of_race_control(terminal), signal.SIGKILL),
-}
-
-
-@pytest.mark.parametrize('how', ENDS)
-def test_race_control_ends_in_red_red_for_good_with_whatever_keeps_it_running(
-    terminal: MakeRun, how: str
-) -> None:
-    with terminal.connect() as kart:
-        kart.wait_for_state(IN_GARAGE)
-        ENDS[how](terminal)
-        kart.wait_for_end()
-        assert kart.state is RED_RED
-    for pid in terminal.inside:
-        wait_until_ended(pid)
-
-
-def test_a_wrong_setting_of_the_timekeeper_ends_it_alone_under_make_run(
+def test_a_wrong_setting_of_the_timekeeper_ends_it_alone_and_ctrl_c_ends_race_control_in_red_red(
     parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
 ) -> None:
     wrong = tmp_path / 'timekeeper.yaml'
@@ -178,8 +148,13 @@ def test_a_wrong_setting_of_the_timekeeper_ends_it_alone_under_make_run(
     terminal = parts.enter_context(MakeRun(tmp_path, domain, f'TIMING={wrong}'))
     terminal.wait_for('parameter min_lap_time')
     terminal.wait_for('listens for 1 kart')
-    (first, *_) = (pid for pid in terminal.inside if 'rcs_node' in ' '.join(command_of(pid)))
-    assert any(command_of(first))
+    with terminal.connect() as kart:
+        kart.wait_for_state(IN_GARAGE)
+        terminal.press('\x03')
+        kart.wait_for_end()
+        assert kart.state is RED_RED
+    for pid in terminal.inside:
+        wait_until_ended(pid)
 
 
 def command_of(pid: int) -> list[str]:
@@ -251,14 +226,14 @@ def test_a_program_that_dies_again_and_again_is_tried_again_and_ends_with_ctrl_c
 
 LASTING = """
 import signal, sys
-signal.signal(signal.SIGTERM, lambda *_: sys.exit(7))
+signal.signal(signal.SIGTERM, lambda *_: sys.exit(print('ends in order') or 7))
 print('runs', flush=True)
 signal.pause()
 """
 
 
-@pytest.mark.parametrize('number', ['SIGINT', 'SIGTERM', 'SIGHUP', 'SIGQUIT'])
-def test_a_signal_that_ends_a_program_waits_for_its_end_and_passes_on_its_code(
+@pytest.mark.parametrize('number', ['SIGINT', 'SIGTERM', 'SIGHUP', 'SIGQUIT', 'SIGKILL'])
+def test_whatever_signal_it_gets_its_program_ends_in_order_and_it_passes_on_the_code_if_it_can(
     number: str,
 ) -> None:
     with subprocess.Popen(
@@ -267,7 +242,8 @@ def test_a_signal_that_ends_a_program_waits_for_its_end_and_passes_on_its_code(
         assert kept.stdout is not None
         assert kept.stdout.readline() == 'runs\n'
         kept.send_signal(signal.Signals[number])
-        assert kept.wait(PATIENCE) == 7
+        assert kept.wait(PATIENCE) == (-signal.SIGKILL if number == 'SIGKILL' else 7)
+        assert kept.stdout.read() == 'ends in order\n'
 
 
 OFTEN_HEALTHY = """
