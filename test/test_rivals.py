@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-import contextlib
+from collections.abc import Iterator
 import pathlib
 
 from evgp_node.process import IN_THE_WAY
@@ -19,10 +19,11 @@ from evgp_testing.wire_race import WireRace
 import pytest
 
 
-@pytest.fixture
-def race(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> WireRace:
-    """Return the race that another race control gets in the way of."""
-    return parts.enter_context(WireRace(tmp_path, [1]))
+@pytest.fixture(scope='module')
+def race(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireRace]:
+    """Return the race that others get in the way of."""
+    with WireRace(tmp_path_factory.mktemp('race'), [1]) as race:
+        yield race
 
 
 def second(folder: pathlib.Path, domain: int, *arguments: str, **parameters: object) -> Process:
@@ -63,19 +64,23 @@ def test_while_two_race_controls_meet_nothing_that_loosens_is_accepted_and_stops
     race: WireRace,
 ) -> None:
     official, (kart,) = race.official, race.karts
+    race.bring_to(RaceState.IN_GARAGE)
+    before = len(kart.changes)
     # Not `official.race`: of two race controls, a client cannot tell whose it hears.
-    two = msg.RaceEvent.ALERT_RAISED, 'two race controls'
+    two = msg.Alert.TWO_RACE_CONTROLS
     rival = Publisher(race.domain)
     try:
-        official.wait_for_event(lambda event: event.kind == two[0], two[1])
+        official.wait_for_event(lambda event: event.alert == two, 'two race controls')
         refused = official.call('grid_active', track_clear=True, karts=[1])
         stopped = official.call('all_kill')
     finally:
         rival.close()
     assert (refused.success, stopped.success) == (False, True)
-    assert RaceState.GRID_ACTIVE not in [state for _, state in kart.changes]
+    assert 'another race control' in refused.message
     official.wait_for_event(
-        lambda event: event.kind == msg.RaceEvent.ALERT_CLEARED, 'that the other is gone'
+        lambda event: (event.kind, event.alert) == (msg.RaceEvent.ALERT_CLEARED, two),
+        'that the other is gone',
     )
     official.wait_for_acks(RaceState.RED_RED, 1)
+    assert [state for _, state in kart.changes[before:]] == [RaceState.RED_RED]
     official.command('in_garage', track_safe=True)
