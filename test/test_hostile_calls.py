@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import contextlib
 import ctypes
-import pathlib
 import random
 import re
 from typing import Any
@@ -21,7 +20,7 @@ from evgp_testing.domains import Domain, free_port
 from evgp_testing.kart import Bridge
 from evgp_testing.official import SERVICES
 from evgp_testing.process import Process
-from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.race_control import address_of
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_race import WireRace
 from nav_msgs.msg import Odometry
@@ -155,18 +154,25 @@ def send(client: Any, request: ctypes.Structure) -> None:
 Attacked = tuple[Process, str, dict[str, Any], int]
 
 
+@pytest.fixture(scope='module')
+def race(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireRace]:
+    """Return the race whose race control is attacked."""
+    with WireRace(tmp_path_factory.mktemp('attacked'), [1]) as race:
+        yield race
+        assert race.control.close() == 0, race.control.output
+
+
 @pytest.fixture(scope='module', params=['rcs', 'kart_bridge', 'example_stack'])
-def attacked(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Attacked]:
+def attacked(request: pytest.FixtureRequest) -> Iterator[Attacked]:
     """Return a running process, its node's name, that node's own services, and the domain."""
+    if request.param == 'rcs':
+        race = request.getfixturevalue('race')
+        yield race.control, 'rcs', SERVICES, race.domain
+        return
     process: Process
     own: dict[str, Any] = {}
     with Domain() as domain:
-        if request.param == 'rcs':
-            folder = tmp_path_factory.mktemp('attacked')
-            process, own = RaceControl(folder, domain.number, [1]), SERVICES
-        elif request.param == 'kart_bridge':
+        if request.param == 'kart_bridge':
             process = Bridge(domain.number, free_port(), address_of(1))
             own = OF_BRIDGE
         else:
@@ -247,9 +253,8 @@ def test_a_name_that_is_no_text_and_random_messages_end_nothing(
 
 
 def test_a_stop_acts_whatever_its_official_is_called(
-    tmp_path: pathlib.Path, parts: contextlib.ExitStack, join_hostile: Callable[[int], Hostile]
+    race: WireRace, join_hostile: Callable[[int], Hostile]
 ) -> None:
-    race = parts.enter_context(WireRace(tmp_path, [1]))
     client = join_hostile(race.domain).client('/rcs/all_kill', SERVICES['all_kill'])
     for name in NAMES:
         heard = len(race.official.events)
@@ -267,9 +272,8 @@ def test_a_stop_acts_whatever_its_official_is_called(
 
 
 def test_nothing_but_calls_occupies_the_threads_beside_race_controls_own(
-    tmp_path: pathlib.Path, parts: contextlib.ExitStack, join_hostile: Callable[[int], Hostile]
+    race: WireRace, join_hostile: Callable[[int], Hostile]
 ) -> None:
-    race = parts.enter_context(WireRace(tmp_path, [1]))
     hostile = join_hostile(race.domain)
     hostile.node.create_subscription(ParameterEvent, '/parameter_events', print, latched(1))
     race.control.wait_for_line(r"\[rcs\]: .*'/parameter_events', requesting incompatible QoS")
