@@ -48,7 +48,7 @@ def test_a_second_race_control_here_does_not_start_unless_its_name_and_its_port_
     with second(tmp_path, race.domain, '-r', '__ns:=/junior') as other:
         other.wait_for_line('listens for')
     race.karts[0].wait_for_frames(10)
-    race.official.command('all_kill')
+    race.bring_to(RaceState.RED_RED)
 
 
 class Publisher(RosSide):
