@@ -23,9 +23,7 @@ import time
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.run_mark import place, RUN_BEGAN, RunMark
-from evgp_rcs.record.store import left_behind
 from evgp_rcs.rules.race import LastRun
-from evgp_rcs_msgs import msg
 from evgp_testing.official import SERVICES
 from evgp_testing.process import Process
 from evgp_testing.race_control import address_of, new_port, settings, write_roster
@@ -33,7 +31,6 @@ from evgp_testing.usage import family
 from evgp_testing.wire_kart import kart_socket
 from evgp_testing.wire_race import WireRace
 import pytest
-from rig.networks import own_disk
 from rig.replaying import events_of, replay_without_difference
 
 IN_GARAGE = RaceState.IN_GARAGE
@@ -134,36 +131,6 @@ def test_a_machine_begins_in_the_garage_until_a_run_did_not_end_well_whatever_re
             race.control.lose_power()
     for own in ('a', 'c'):  # the record of the good end, and a new one
         assert machine.look(own) == PROVES_NOTHING
-
-
-# ----- a place that is not the machine's, or cannot be written -------------------------------
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason='it takes root')
-def test_where_the_place_of_the_mark_is_private_nothing_is_proved_and_no_race_starts(
-    machine: Machine,
-) -> None:
-    leave(machine.mark, LastRun.ENDED)
-    private = machine.folder / 'systemd-private-1f-evgp-rcs.service'  # of PrivateTmp=yes
-    private.mkdir()
-    with machine.run(under=own_disk(private / 'tmp')) as race:
-        official = race.official
-        seen = official.wait_for_race(lambda race: race.alerts, 'an alert')
-        assert sent_to(race) == {RED_RED}
-        assert state_of(seen.state) is RED_RED
-        text = next(a.text for a in seen.alerts if a.kind == msg.Alert.RECORD_FAILING)
-        assert str(machine.mark) in text
-        official.bring_to(IN_GARAGE)
-        official.command('set_track_open', open=False)
-        refused = official.call('grid_active', track_clear=True)
-        assert (refused.success, str(machine.mark) in refused.message) == (False, True)
-        record = machine.folder / 'a' / 'record.sqlite3'
-        official.wait_until_polled(
-            lambda: (memory := left_behind(record)) is not None and memory.at_rest, 'the memory'
-        )
-        race.control.lose_power()
-    # No kart had been on the grid: the run that ended well before is still the last.
-    assert machine.look() == BEGINS
 
 
 # ----- a crash at every moment of a race -----------------------------------------------------

@@ -6,11 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+import contextlib
 import functools
 import os
 import pathlib
 import shutil
-import stat
 import subprocess
 import tempfile
 import threading
@@ -27,8 +27,6 @@ from evgp_rcs.record.run_mark import (
 from evgp_rcs.rules.race import LastRun
 import pytest
 from rig.disks import filled, Harm, in_place_of, remount, small_disk
-
-ENDS = (LastRun.NONE, LastRun.ENDED, LastRun.ENDED_OPEN)
 
 
 @pytest.fixture
@@ -47,26 +45,17 @@ def run(path: pathlib.Path, ends_as: LastRun | None = None) -> LastRun:
     return mark.last_run
 
 
-@pytest.mark.parametrize('before', ENDS)
-def test_a_run_that_began_and_died_is_known_to_every_later_one(
-    path: pathlib.Path, before: LastRun
-) -> None:
-    run(path, before)
-    run(path)
-    assert run(path) is LastRun.UNKNOWN
-    assert run(path) is LastRun.UNKNOWN
-
-
-def test_the_next_run_knows_how_the_last_one_ended_and_may_leave_the_mark_as_it_found_it(
+def test_each_run_knows_how_the_last_one_ended_or_that_one_died_or_failed_to_start_since(
     path: pathlib.Path,
 ) -> None:
-    for found in (LastRun.NONE, *LastRun):
+    assert run(path, LastRun.NONE) is LastRun.NONE
+    for ended in LastRun:
+        run(path, ended)
         mark = RunMark(path)
-        mark.end(mark.last_run)
-        run(path, found)
-        mark = RunMark(path)
-        mark.end(mark.last_run)
-        assert run(path) is found
+        mark.end(mark.last_run)  # race control could not start, and leaves it as it was
+        assert run(path) is ended
+        assert run(path) is LastRun.UNKNOWN
+        assert run(path) is LastRun.UNKNOWN
 
 
 def test_of_two_race_controls_at_one_port_the_second_is_refused_and_changes_nothing(
@@ -172,23 +161,34 @@ def test_a_mark_that_cannot_be_written_proves_nothing_until_it_can(
     assert run(path) is LastRun.ENDED
 
 
-@pytest.mark.parametrize('kind', ['tmpfs', 'ramfs'])
-def test_a_place_in_memory_is_none_for_a_mark_even_over_one_that_is_on_a_disk(
+@contextlib.contextmanager
+def bound(folder: pathlib.Path, to: pathlib.Path) -> Iterator[None]:
+    """Have a folder in the place of another one, too."""
+    subprocess.run(['mount', '--bind', str(folder), str(to)], check=True)
+    try:
+        yield
+    finally:
+        subprocess.run(['umount', '-l', str(to)], check=True)
+
+
+@pytest.mark.parametrize('kind', ['tmpfs', 'ramfs', 'PrivateTmp'])
+def test_a_place_in_memory_or_of_one_service_is_none_for_a_mark_even_over_one_that_is_on_a_disk(
     kind: str, path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = path.parent
+    folder, above = path.parent, path.parent.parent
     monkeypatch.setattr(run_mark, 'FOLDER', folder)
     run(path, LastRun.ENDED)
     with small_disk(folder, '64k'):  # or the test is skipped
         pass
-    subprocess.run(['mount', '--bind', str(folder), str(folder)], check=True)
-    try:
-        with small_disk(folder.parent, '64k', kind):
-            mark = RunMark(path)
-    finally:
-        subprocess.run(['umount', '-l', str(folder)], check=True)
+    private = above / 'systemd-private-1f-evgp-rcs.service'
+    private.mkdir()
+    is_private = kind == 'PrivateTmp'
+    other = bound(private, above) if is_private else small_disk(above, '64k', kind)
+    with bound(folder, folder), other:
+        mark = RunMark(path)
     assert mark.last_run is LastRun.UNKNOWN
-    assert f'{folder.parent} is in memory' in mark.error
+    said = 'is private to this service: set PrivateTmp=no' if is_private else 'is in memory'
+    assert f'{above} {said}' in mark.error
 
 
 @pytest.mark.parametrize('what', ['the mark', 'the folder', 'another mark', 'a folder'])
@@ -250,6 +250,7 @@ def shared() -> Iterator[pathlib.Path]:
 def test_every_user_of_the_machine_has_the_same_mark(shared: pathlib.Path) -> None:
     path = shared / 'marks' / '12017'
     assert as_user(1001, path, LastRun.ENDED) == 'NONE'
+    assert as_user(1002, path.with_name('12018'), LastRun.ENDED) == 'NONE'
     assert as_user(1002, path, LastRun.UNKNOWN) == 'ENDED'
     assert run(path, LastRun.ENDED) is LastRun.UNKNOWN
     assert as_user(1001, path, LastRun.UNKNOWN) == 'ENDED'
@@ -283,9 +284,3 @@ def test_there_is_one_place_for_each_port_and_loopback_addresses_have_their_own(
     assert place('0.0.0.0', 12017) == place('10.0.0.1', 12017) == FOLDER / '12017'
     assert place('10.0.0.1', 12018) == FOLDER / '12018'
     assert place('127.0.0.1', 12017) not in (FOLDER / '12017', place('127.0.0.2', 12017))
-
-
-def test_marks_outlive_a_restart_and_belong_to_nobody(path: pathlib.Path) -> None:
-    run(path, LastRun.ENDED)
-    assert stat.S_IMODE(path.stat().st_mode) == 0o1666
-    assert stat.S_IMODE(path.parent.stat().st_mode) == 0o777
