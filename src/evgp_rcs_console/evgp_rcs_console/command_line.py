@@ -176,8 +176,8 @@ def parser() -> argparse.ArgumentParser:
         prog=os.environ.get('EVGP_CALLED', 'rcs_ctl'),
         description='Direct an EVGP race from the terminal. This is not the MSR.',
         epilog='Exit codes: 0 accepted, 1 refused, 2 wrong usage, 3 race control was not found '
-        'or did not answer, 4 the stop was too old because another race had begun. Put ROS '
-        'arguments after --ros-args.',
+        'or did not answer, or has no timing (results), 4 the stop was too old because another '
+        'race had begun. Put ROS arguments after --ros-args.',
     )
     waiting, signing = Parser(add_help=False), Parser(add_help=False)
     # `--wait` and `--official` may come before the command or after it.
