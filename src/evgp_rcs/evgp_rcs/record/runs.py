@@ -161,6 +161,9 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
     If SQLite cannot read the whole file, the runs are read from a copy that SQLite's own recovery
     has repaired, and a message says so at the end.
 
+    Close it before anything slow. Until then, part of what race control writes may have to stay in
+    SQLite's ``-wal`` beside the record.
+
     :raises UnreadableError: if the record cannot be read, now or later.
     """
     damage = ''
@@ -209,12 +212,11 @@ def _mended(file: pathlib.Path, folder: pathlib.Path, damage: str) -> sqlite3.Co
 
     :raises UnreadableError: if the program is not installed, or finds nothing.
     """
-    how = f'sqlite3 {file} .recover | sqlite3 mended.sqlite3'
     program = shutil.which('sqlite3')
     if program is None:
         raise UnreadableError(
             f'{file} is damaged ({damage}), and the program sqlite3, which can repair it, is not '
-            f'installed here. Install it, or run it on another computer and read its output: {how}'
+            'installed here. Install it, or read the record on a computer that has it'
         )
     copy = folder / file.name
     for each in (file, file.with_name(f'{file.name}-wal')):
@@ -236,7 +238,7 @@ def _mended(file: pathlib.Path, folder: pathlib.Path, damage: str) -> sqlite3.Co
         except (sqlite3.Error, ValueError):
             pass  # this method found nothing
         database.close()
-    raise UnreadableError(f'{file} is damaged ({damage}), and nothing in it can be read: {how}')
+    raise UnreadableError(f'{file} is damaged ({damage}), and nothing in it can be read')
 
 
 def _script(found: str) -> str:
