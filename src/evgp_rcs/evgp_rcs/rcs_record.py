@@ -30,7 +30,12 @@ WAYS: dict[str, tuple[ModuleType, str]] = {
     'replay': (replay, 'run the rules again on the recorded inputs, and compare'),
     'mcap': (mcap_export, 'make a bag for Foxglove, PlotJuggler and ros2 bag'),
 }
-"""The subcommands: what each does, and its module, with ``add_options`` and ``main``."""
+"""
+The subcommands: the module of each, and what it does.
+
+``add_options`` of the module adds its options and its help to a parser. ``main`` returns the exit
+code, and raises UnreadableError if the record or the run cannot be read.
+"""
 
 NOTES = """\
 A run is everything between one start of race control and its end. A run that race control is still

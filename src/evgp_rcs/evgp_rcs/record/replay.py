@@ -342,15 +342,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def main(wanted: argparse.Namespace) -> int:
-    """
-    Replay a run, and print what was compared and the first difference.
-
-    :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read, or has no inputs.
-    """
+    """Replay a run, and print what was compared and the first difference."""
     with open_runs(wanted.file) as runs:
         kept = runs.read(runs.choose(wanted.run))
-    # The record is closed by now: a replay may take long, and race control must not wait for it.
     code, lines = Replay(kept).run().judge()
     print('\n'.join(map(plain, lines)))
     return code or runs.code

@@ -41,12 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def main(wanted: argparse.Namespace) -> int:
-    """
-    Print the runs of race control in a record, or the timeline of one.
-
-    :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read.
-    """
+    """Print the runs of race control in a record, or the timeline of one."""
     with open_runs(wanted.file) as runs:
         if wanted.list:
             for each in runs.listed:
@@ -54,7 +49,6 @@ def main(wanted: argparse.Namespace) -> int:
             return runs.code
         run = runs.choose(wanted.run)
         kept = runs.read(run)
-    # The record is closed by now, so that a slow pager does not make race control wait.
     if wanted.stream:
         for lines in kept.lines():
             sys.stdout.write(lines.decode(errors='replace'))

@@ -39,12 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def main(wanted: argparse.Namespace) -> int:
-    """
-    Write a run as a bag.
-
-    :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read.
-    """
+    """Write a run as a bag."""
     try:
         # This import needs ROS and mcap. mcap may be missing, because it has no rosdep key.
         from evgp_rcs.ros.bag import write_bag

@@ -32,17 +32,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def main(wanted: argparse.Namespace) -> int:
-    """
-    Write the report of one run of a record.
-
-    :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read.
-    """
+    """Write the report of one run of a record."""
     with open_runs(wanted.file) as runs:
         run = runs.choose(wanted.run)
         kept = runs.read(run)
         sums = _sums(runs, kept)
-    # The record is closed by now, so that race control does not wait for the rest.
     account = Account(kept, timing_of(wanted.file))
     written = page(runs, account, sums, wanted.event)
     what = f'run {run.number}, {len(account.events)} events'
@@ -57,24 +51,17 @@ def _sums(runs: Runs, kept: Kept) -> list[tuple[str, str]]:
     Unless race control is writing the file, there are also sums of the file and of the ``-wal``
     that SQLite leaves after a crash.
     """
-    digest = hashlib.sha256()
-    for line in kept.lines():
-        digest.update(line)
     files = [runs.file, runs.file.with_name(f'{runs.file.name}-wal')]
     sums = [
-        (f'SHA-256 of the file {file.name}', _sum_of(file))
+        (f'SHA-256 of the file {file.name}', _sum_of(file.read_bytes()))
         for file in files
         if file.exists() and (file.stat().st_size or file == runs.file)
     ]
     if is_being_written(runs.file):
         sums = [('SHA-256 of the file', 'none: race control was writing it')]
     of_stream = 'SHA-256 of the stream of this run (rcs_record show --stream)'
-    return [*sums, (of_stream, digest.hexdigest())]
+    return [*sums, (of_stream, _sum_of(b''.join(kept.lines())))]
 
 
-def _sum_of(file: pathlib.Path) -> str:
-    digest = hashlib.sha256()
-    with file.open('rb') as opened:
-        while chunk := opened.read(1 << 20):
-            digest.update(chunk)
-    return digest.hexdigest()
+def _sum_of(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

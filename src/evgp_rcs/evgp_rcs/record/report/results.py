@@ -84,12 +84,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def main(wanted: argparse.Namespace) -> int:
-    """
-    Write the results of the named runs as CSV, oldest first.
-
-    :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read.
-    """
+    """Write the results of the named runs as CSV, oldest first."""
     with open_runs(wanted.file) as runs:
         newest = runs.choose(wanted.run)
         chosen = [newest] if wanted.run is not None else runs.day_of(newest)
@@ -99,7 +94,6 @@ def main(wanted: argparse.Namespace) -> int:
             say(f'{left_out} of {len(runs.listed)} runs are left out; use --all for every run')
         kept = [runs.read(run) for run in chosen]
         code = runs.code
-    # The record is closed by now, so that race control does not wait for the rest.
     timing = timing_of(wanted.file)
     # The last written is the newest: it may be a correction of a race in an earlier run.
     ids = {run.id for run in chosen}
