@@ -1,14 +1,17 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The report of a run: what the rules make of its stream, and nothing else."""
+"""The report and the results of a run: what the rules make of its stream, and nothing else."""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import math
 import pathlib
 import random
 import re
+import sqlite3
 
 from evgp_node.results import (
     Act,
@@ -25,6 +28,7 @@ from evgp_node.results import (
     Status,
 )
 from evgp_node.roster import Format
+from evgp_node.stream import Began
 from evgp_node.stream_file import BOOK
 from evgp_protocol.clock import duration
 from evgp_protocol.states import RaceState
@@ -38,13 +42,14 @@ from evgp_rcs.record.report.model import (
     Stop,
     Why,
 )
-from evgp_rcs.record.report.results import defused
+from evgp_rcs.record.report.results import COLUMNS, defused
 from evgp_rcs.record.report.wording import Clock
-from evgp_rcs.record.runs import DONE, open_runs, PARTLY
-from evgp_rcs.record.store import Record
+from evgp_rcs.record.runs import DONE, open_runs, PARTLY, Runs
+from evgp_rcs.record.store import Record, Session
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import EventKind, Heat, LastRun
+from evgp_rcs.rules.inputs import Entry
+from evgp_rcs.rules.race import AlertKind, EventKind, Heat, LastRun, StampedEvent
 import pytest
 from recorded_races import (
     change_event,
@@ -64,9 +69,12 @@ from rig.disks import garble_schema, Harm, in_database
 RED_FLAG, RED_RED = RaceState.RED_FLAG.name, RaceState.RED_RED.name
 
 
+HEATS = (Heat('Heat A', (7, 8)), Heat('Heat B', (8, 9)), Heat('Heat B again', (8, 9)))
+
+
 @pytest.fixture
 def paper() -> PaperRace:
-    return three_karts()
+    return three_karts(*HEATS)
 
 
 def stops(account: Account) -> list[Stop]:
@@ -78,10 +86,11 @@ Truth = tuple[float, int, tuple[str, str, str, str], bool]
 it had answered."""
 
 
-@pytest.mark.parametrize('seed', range(3))
-def test_a_lane_shows_what_the_rules_had_at_every_moment(seed: int) -> None:
+@pytest.mark.parametrize('seed', range(6))
+def test_lanes_and_alerts_show_what_the_rules_had_at_every_moment(seed: int) -> None:
     paper = Running(seed)
     truth: list[Truth] = []
+    standing: list[tuple[float, set[tuple[AlertKind, int]]]] = []
     for _ in range(300):
         paper.run(1)
         for kart in paper.race.karts.values():
@@ -90,6 +99,7 @@ def test_a_lane_shows_what_the_rules_had_at_every_moment(seed: int) -> None:
             told = what, hold, kart.link.grade.name, paper.race.state.name
             answered = kart.acknowledged_after is not None
             truth.append((paper.now, kart.number, told, answered))
+        standing.append((paper.now, {*paper.race._alerts}))
         paper.now += 0.5
     account = paper.account()
     began = paper.stamped[0].monotonic
@@ -106,6 +116,14 @@ def test_a_lane_shows_what_the_rules_had_at_every_moment(seed: int) -> None:
                 assert now[0].start <= now[0].acknowledged <= at
             looked += 1
     assert looked > 1000
+    for when, alerts in standing:
+        at = when - began + 0.1
+        if at < account.length:
+            assert alerts == {
+                (each.event.event.alert, each.event.event.kart)
+                for each in account.alerts
+                if each.event.at <= at < (math.inf if each.ended is None else each.ended)
+            }
 
 
 def test_a_lane_shows_since_when_a_finish_holds_a_kart_that_has_been_stopped(
@@ -232,24 +250,6 @@ def test_all_kill_in_the_garage_is_no_race(paper: PaperRace) -> None:
     assert len(account.outside.incidents) == 1
 
 
-def test_an_alert_stands_until_it_is_cleared_also_beside_another_of_that_kart(
-    paper: PaperRace,
-) -> None:
-    paper.drive()
-    paper.lose(7)
-    # Back, it must still stop, which it was told to long ago: two alerts.
-    paper.wait(11.0)
-    for _ in range(2):
-        paper.connect(7)
-        paper.wait(1.0)
-        paper.lose(7)  # then only the first one
-        paper.wait(1.0)
-    lost, *unanswered = (each for each in paper.account().alerts if each.event.event.kart == 7)
-    assert lost.ended is None
-    lasted = [each.ended and each.ended - each.event.at for each in unanswered]
-    assert lasted == pytest.approx([1.0, 1.0])
-
-
 @pytest.mark.parametrize('what', ['a gap', 'a difference'])
 def test_where_the_rules_cannot_follow_the_events_are_listed_and_nothing_else_is_said(
     paper: PaperRace, tmp_path: pathlib.Path, what: str
@@ -354,6 +354,91 @@ def test_the_times_that_are_shown_add_up_and_are_rounded_never_cut(
         assert (shown(end) - shown(start)) % 86_400_000 == round(took * 1000)
     shown_at = [Clock(0).at(at, digits)[6:] for at, digits in ((50.26, 1), (50.96, 1), (50.5, 0))]
     assert shown_at == ['50.3', '51.0', '51']
+
+
+# ----- places, and why a kart has none ---------------------------------------------------------
+
+
+def found(paper: PaperRace) -> dict[int, Result]:
+    """Return what became of each starter of the newest race."""
+    account = paper.account()
+    return {result.kart: result for result in account.results(account.races[-1])}
+
+
+def why(paper: PaperRace) -> dict[int, Why]:
+    return {kart: each.out.why for kart, each in found(paper).items() if each.out is not None}
+
+
+def race_over(paper: PaperRace) -> None:
+    paper.command(CommandKind.RACE_OVER)
+    paper.go_home()
+
+
+def release(paper: PaperRace) -> None:
+    """Release every kart that is still held."""
+    for number in TEAMS:
+        if paper.race.karts[number].hold is not None:
+            paper.command(CommandKind.KART_IN_GARAGE, number)
+
+
+def test_a_finish_that_was_undone_is_none_and_later_places_move_up(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(3.0)
+    paper.command(CommandKind.KART_FINISH, 9)
+    paper.command(CommandKind.KART_FINISH, 8)
+    paper.command(CommandKind.KART_UNDO_FINISH, 9)
+    assert found(paper)[8].place == 1
+    paper.wait(10.0)
+    paper.command(CommandKind.KART_FINISH, 7)
+    paper.command(CommandKind.KART_UNDO_FINISH, 8)
+    race_over(paper)
+    assert found(paper)[7].place == 1
+    # The one was stopped before its finish was undone; the other drove on.
+    assert why(paper) == {8: Why.FINISH_UNDONE, 9: Why.RACE_STOPPED}
+    (race,) = paper.account().races
+    assert [(each.event.kart, named(each)) for each in race.incidents] == [(8, 'KART_UNDO_FINISH')]
+
+
+def test_only_the_first_reason_counts_and_nothing_after_a_finish_takes_its_place_away() -> None:
+    paper = PaperRace(dict.fromkeys(range(1, 7), ''))
+    paper.connect(*paper.race.karts)
+    paper.drive()
+    paper.wait(1.0)
+    paper.command(CommandKind.KART_FINISH, 1)
+    paper.command(CommandKind.KART_FINISH, 2)
+    paper.lose(1)
+    paper.command(CommandKind.KART_RED_RED, 2)
+    paper.lose(3)
+    paper.command(CommandKind.KART_RED_FLAG, 4)
+    paper.wait(1.0)
+    paper.command(CommandKind.KART_RED_RED, 3)
+    paper.lose(4)
+    paper.command(CommandKind.RED_FLAG)
+    paper.lose(5)
+    paper.command(CommandKind.KART_RED_RED, 6)
+    race_over(paper)
+    became = found(paper)
+    assert [kart for kart, each in became.items() if each.place] == [1, 2]
+    out = {
+        kart: (each.out.why, named(each.out.event)) for kart, each in became.items() if each.out
+    }
+    assert out == {
+        3: (Why.LOST, 'DISCONNECTED'),
+        4: (Why.STOPPED_ALONE, 'KART_RED_FLAG'),
+        5: (Why.RACE_STOPPED, 'RED_FLAG'),
+        6: (Why.RACE_STOPPED, 'RED_FLAG'),
+    }
+    (race,) = paper.account().races
+    assert list(map(named, race.incidents)) == [
+        *('DISCONNECTED', 'KART_RED_RED', 'DISCONNECTED', 'KART_RED_FLAG'),
+        *('KART_RED_RED', 'DISCONNECTED', 'RED_FLAG', 'DISCONNECTED', 'KART_RED_RED'),
+    ]
+
+
+def test_a_race_that_race_control_left_was_ended_by_that(paper: PaperRace) -> None:
+    paper.drive()
+    paper.end()
+    assert set(why(paper).values()) == {Why.RACE_CONTROL_ENDED}
 
 
 # ----- rcs_record report ----------------------------------------------------------------------
@@ -570,14 +655,6 @@ def test_the_sums_are_of_the_file_and_of_the_events_and_none_of_a_file_that_is_b
     assert 'race control was writing it' in page
 
 
-def test_a_report_has_the_event_the_officials_and_room_to_sign(written: pathlib.Path) -> None:
-    page = report(written)
-    assert 'Event: <span class="blank">' in page
-    assert 'Officials: <bdi>Ada</bdi>.' in page
-    assert '<h2>Signatures</h2>' in page
-    assert 'Event: <bdi>EVGP &lt;2026&gt;</bdi>' in report(written, '--event', 'EVGP <2026>')
-
-
 def test_a_report_of_a_run_without_events_can_be_made(tmp_path: pathlib.Path) -> None:
     written = PaperRace(TEAMS).write(tmp_path / 'record.sqlite3')
     assert '<html' in report(written)
@@ -616,10 +693,91 @@ def test_what_others_have_written_is_nothing_but_text_and_no_spreadsheet_runs_it
         assert cell.lstrip()[:1] not in {*'=+-@\uff1d'}
 
 
-def test_a_page_lets_nothing_in_but_its_own_style(written: pathlib.Path) -> None:
+def test_a_page_has_the_event_the_officials_and_room_to_sign_and_lets_in_only_its_own_style(
+    written: pathlib.Path,
+) -> None:
     page = report(written)
+    assert 'Event: <span class="blank">' in page
+    assert 'Officials: <bdi>Ada</bdi>.' in page
+    assert '<h2>Signatures</h2>' in page
+    assert 'Event: <bdi>EVGP &lt;2026&gt;</bdi>' in report(written, '--event', 'EVGP <2026>')
     (policy,) = re.findall(r'Content-Security-Policy" content="([^"]*)"', page)
     assert policy.startswith("default-src 'none';")
     assert 'unsafe' not in policy
     assert 'script' not in policy
     assert not re.search(r'\s(src|href|style|on\w+)=', page)
+
+
+# ----- rcs_record results ---------------------------------------------------------------------
+
+
+def test_the_table_has_every_race_heat_by_heat_and_so_has_the_report(
+    paper: PaperRace, path: pathlib.Path
+) -> None:
+    paper.command(CommandKind.SET_HEAT, heat='Heat A')
+    paper.drive()
+    paper.wait(20.0)
+    paper.command(CommandKind.KART_FINISH, 8)
+    race_over(paper)
+    paper.command(CommandKind.SET_HEAT, heat='Heat B')
+    release(paper)
+    paper.drive()
+    paper.lose(9)
+    record = paper.write(path)
+    first, second, third, fourth = rows_of(record)
+    assert set(first) == set(COLUMNS)
+    told = ('run', 'race', 'heat', 'place', 'kart', 'team', 'seconds', 'result', 'complete')
+    assert [first[each] for each in told] == [
+        *('1', '1', 'Heat A', '1', '8', 'Michigan', '20.000', 'FINISHED', 'yes')
+    ]
+    assert [second[each] for each in told] == [
+        *('1', '1', 'Heat A', '', '7', 'Purdue', '', 'RACE_STOPPED', 'yes')
+    ]
+    assert [third['result'], fourth['result']] == ['STILL_RACING', 'LOST']
+    assert third['heat'] == 'Heat B'
+    assert third['complete'] == 'no'
+    assert re.fullmatch(r'2026-05-30T\d\d:\d\d:\d\d\.\d{3}[+-]\d\d:\d\d', first['started'])
+    assert first['finished'] > first['started']
+    lost = next(each for each in paper.stamped if each.event.kind is EventKind.DISCONNECTED)
+    assert fourth['event'] == str(lost.sequence)
+    text = report(record)
+    assert 'Race 1 (<bdi>Heat A</bdi>)' in text
+    assert "Race control's own report: " in text
+    order, later = tables(text, 'order')
+    assert [row[2] for row in order] == ['20.000 s', f'did not finish: {second["reason"]}']
+    assert later[1][2] == f'did not finish: {fourth["reason"]}'
+
+
+def test_the_table_has_the_races_of_every_run_of_the_day(path: pathlib.Path) -> None:
+    for _ in range(3):
+        paper = PaperRace({7: 'Purdue'})
+        paper.connect(7)
+        paper.drive()
+        paper.write(path)
+
+    def be_long_ago(entries: list[Entry]) -> None:
+        entries[:] = [
+            each._replace(wall_ns=1) if isinstance(each, Began | StampedEvent) else each
+            for each in entries
+        ]
+
+    edit(path, be_long_ago)
+
+    def runs_in(*arguments: str) -> list[str]:
+        return [row['run'] for row in rows_of(path, *arguments)]
+
+    assert runs_in() == ['2', '3']
+    assert runs_in('--all') == ['1', '2', '3']
+    assert runs_in('--run', '2') == ['2']
+
+
+def test_a_day_ends_with_hours_without_race_control_and_not_at_midnight(
+    tmp_path: pathlib.Path,
+) -> None:
+    began = (0, 20, 23, 25, 40)  # hours; each run takes one
+    times = [(at * 3600 * 10**9, (at + 1) * 3600 * 10**9) for at in began]
+    listed = [Session(n, at, None, 1, end, str(n)) for n, (at, end) in enumerate(times)]
+    with contextlib.closing(sqlite3.connect(':memory:')) as database:
+        runs = Runs(tmp_path, database, listed)
+        days = [[each.number for each in runs.day_of(run)] for run in listed]
+    assert days == [[0], [1, 2, 3], [1, 2, 3], [1, 2, 3], [4]]
