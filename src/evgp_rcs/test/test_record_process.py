@@ -13,7 +13,6 @@ import os
 import pathlib
 import select
 import signal
-import threading
 import time
 
 from evgp_node.stream import Gap
@@ -27,7 +26,7 @@ from evgp_rcs.record.runs import open_runs
 from evgp_rcs.record.store import left_behind, Record, RecordError
 from evgp_rcs.rules.inputs import Batch, Tick
 from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
-from evgp_testing.process import freeze, wait_until_ended
+from evgp_testing.process import freeze
 import pytest
 from rig.disks import filled, Harm, in_database, remount, small_disk
 from rig.replaying import events_of
@@ -72,12 +71,14 @@ def numbers_in(path: pathlib.Path) -> list[int]:
     return [event.sequence for event in events_of(path, 1)]
 
 
-def test_what_has_reached_it_is_written_although_the_kart_server_is_killed(
+def test_what_has_reached_it_is_written_as_it_ends_with_the_kart_server_and_by_no_signal(
     path: pathlib.Path,
 ) -> None:
     written = 100
     if not (pid := os.fork()):
         dying = started(path)
+        for signal_of_a_terminal_or_systemd in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            os.kill(dying.pid, signal_of_a_terminal_or_systemd)
         freeze(dying.pid)  # so that all of it still waits
         for number in range(1, written + 1):
             put(dying, number)
@@ -145,20 +146,6 @@ def test_a_mark_that_cannot_be_written_is_trouble_until_it_can(path: pathlib.Pat
     again.end(PATIENCE, LastRun.ENDED)
 
 
-def test_what_is_to_be_remembered_while_the_process_hangs_needs_bounded_memory(
-    record: RecordProcess, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(record_process, 'MOST_UNWRITTEN_BYTES', 10_000)
-    freeze(record.pid)
-    for _ in range(20_000):
-        record.remember(HOME)
-    assert not record._end.unsent  # it knows that already
-    for number in range(20_000):
-        record.remember((HOME, GRID)[number % 2])
-    assert 10_000 < record._end.unsent < 20_000
-    os.kill(record.pid, signal.SIGCONT)
-
-
 def test_a_disk_that_writes_each_event_in_time_is_no_trouble_although_there_is_always_one_waiting(
     path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -191,12 +178,19 @@ def test_what_no_disk_takes_needs_bounded_memory_and_leaves_a_gap_that_is_seen(
     lost = record._lost
     assert 80 < lost < 100
     assert f'{lost} are lost' in record.trouble()
+    for _ in range(20_000):
+        record.remember(HOME)
+    assert not record._end.unsent  # it knows that already
+    for number in range(20_000):
+        record.remember((HOME, GRID)[number % 2])
+    assert 10_000 < record._end.unsent < 20_000
     monkeypatch.setattr(record_process, 'MOST_UNWRITTEN_BYTES', 20_000)
     os.kill(record.pid, signal.SIGCONT)
     ticks = itertools.count(100)
 
     def no_trouble() -> bool:
         record.put(Batch(next(ticks), [Tick(0.1)]))  # there is always something to write
+        record._end._flush()  # as the loop does
         record.look()
         return not record.trouble()
 
@@ -322,19 +316,3 @@ def test_a_record_that_another_race_control_has_is_refused(
     with pytest.raises(RecordError, match='choose another file with the parameter record'):
         RecordProcess(path, path.with_name('mark'))
     other.end()
-
-
-def test_it_ends_with_whoever_began_it_and_a_terminal_or_systemd_ends_only_that(
-    record: RecordProcess, path: pathlib.Path
-) -> None:
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        os.kill(record.pid, number)
-    put(record, 1)
-    wait_for(record, lambda: not record._unwritten)
-    ended = threading.Thread(target=wait_until_ended, args=(record.pid,))
-    ended.start()
-    record._socket.close()
-    os.waitpid(record.pid, 0)
-    ended.join(PATIENCE)
-    assert not ended.is_alive()
-    assert numbers_in(path) == [1]
