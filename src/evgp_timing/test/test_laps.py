@@ -6,9 +6,7 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass, field
 import itertools
-from typing import Any
 
 from evgp_node.results import BY_HAND, KartResult, lap_time, Mark, Passing, Penalty, Status
 from evgp_node.roster import Format, Heat
@@ -17,93 +15,40 @@ from evgp_timing.passings import MAX_RATE
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
+from test_desk import Event, events
 
 GREEN = 100.0
 KARTS = (1, 2, 3)
-TRANSPONDERS = {'t1': 1, 't2': 2}
-SETTINGS = LapSettings()
 PLACED = (Status.RUNNING, Status.CLASSIFIED)
 
-# Steps of time that bring a passing near to the limit, and such that do not.
-STEPS = st.one_of(st.sampled_from((0.0, 0.4, 4.9, 5.0, 5.1)), st.floats(0.0, 40.0))
-# How far a stamp is from the time of arrival, in s: nothing, a delay, a clock that jumps.
-OFFSETS = st.one_of(
-    st.sampled_from((0.0, -0.3, -600.0, 600.0, -1.7e9)), st.floats(-0.45, 0.0, allow_nan=False)
-)
+
+def driven(event: Event) -> Laps:
+    """Return the laps of the race that was started last."""
+    return [each.laps for each in event.desk.races if each.started][-1]
 
 
-@dataclass
-class Story:
-    """A race as it was told: all that happened, with its time since GREEN_GREEN."""
-
-    laps: Laps
-    now: float = 0.0
-    told: list[tuple[float, Passing]] = field(default_factory=list)
-
-    def passing(self, source: str, kart: int, transponder: str, offset: float) -> None:
-        stamp = round((2e9 + self.now + offset) * 1e9)
-        number = len(self.told) + 1
-        each = Passing(source, 'today', number, kart, transponder, stamp_ns=stamp)
-        self.told.append((self.now, each))
-        self.laps = self.laps.take([each], GREEN + self.now)
-
-    def press(self, kart: int) -> None:
-        """Have an official count a passing, which may claim for the kart what a beam saw."""
-        number = len(self.told) + 1
-        each = Passing(BY_HAND, str(number), number, kart)
-        self.laps = self.laps.take([each], GREEN + self.now)
-        self.told.append((self.now, each))
+def race() -> Laps:
+    return Laps(LapSettings(), Heat(''), GREEN, KARTS)
 
 
-PASSINGS = st.tuples(
-    STEPS,
-    st.sampled_from(('line', 'line', 'beam')),
-    st.sampled_from((0, 1, 1, 2, 3, 9)),
-    st.sampled_from(('', 't1', 't2', 't9')),
-    OFFSETS,
-)
+@given(events())
+def test_every_passing_is_kept_and_judged_by_the_rules_in_any_race(event: Event) -> None:
+    for each in event.desk.races:
+        laps, seen = each.laps, [crossing.passing for crossing in each.laps.crossings]
+        of_sources = [passing for passing in seen if passing.source != BY_HAND]
+        assert of_sources == event.seen.get(each.number, [])
+        judge(laps)
 
 
-def race(wanted: int = 0, format_: Format = Format.RACE, **settings: Any) -> Laps:
-    own = dataclasses.replace(SETTINGS, **settings)
-    heat = Heat('', KARTS, format_, wanted)
-    return Laps(own, heat, GREEN, KARTS, TRANSPONDERS).again()
-
-
-@st.composite
-def stories(draw: st.DrawFn) -> Story:
-    wanted = draw(st.integers(0, 4))
-    story = Story(race(wanted, first_crossing=draw(st.sampled_from(('starts', 'ends')))))
-    for each in draw(st.lists(st.one_of(PASSINGS, st.sampled_from('fleupb')), max_size=30)):
-        kart = draw(st.sampled_from(KARTS))
-        if isinstance(each, tuple):
-            story.now += each[0]
-            story.passing(*each[1:])
-        elif each == 'f' and kart not in story.laps.finished:
-            story.laps = story.laps.finish(kart, GREEN + story.now)
-        elif each == 'l' and kart not in story.laps.left:
-            story.laps = story.laps.leave(kart, GREEN + story.now)
-        elif each == 'u':
-            story.laps = story.laps.undo_finish(kart)
-        elif each == 'p':
-            story.press(kart)
-        elif each == 'b':
-            story.now += draw(st.sampled_from((0.0, 0.4, 2.0)))
-            story.passing('beam', 0, '', 0.0)
-        elif story.now > 60.0:
-            story.laps = story.laps.end(GREEN + story.now)
-    return story
-
-
-@given(stories())
-def test_every_passing_is_kept_and_judged_by_the_rules_in_any_race(story: Story) -> None:
-    laps = story.laps
-    assert [each.passing for each in laps.crossings] == [each for _, each in story.told]
-    came: dict[int, list[float]] = {kart: [] for kart in KARTS}  # those that count
+def judge(laps: Laps) -> None:
+    """Compare what became of each passing with the rules."""
+    came: dict[int, list[float]] = {kart: [] for kart in laps.karts}  # those that count
     for at, passing, mark in ((each.came, each.passing, each.mark) for each in laps.crossings):
         claimed = laps._claimed.get(passing.identity, 0)
-        kart = passing.kart or TRANSPONDERS.get(passing.transponder, claimed)
-        if kart not in KARTS:
+        kart = passing.kart or laps.transponders.get(passing.transponder, claimed)
+        if passing.identity in laps.struck:
+            assert mark is Mark.STRUCK
+        elif kart not in laps.karts:
             late = at > laps.ended
             assert mark is (Mark.NOT_COUNTED if kart or late else Mark.UNKNOWN)
         elif mark is Mark.COUNTED:
@@ -127,24 +72,23 @@ def test_every_passing_is_kept_and_judged_by_the_rules_in_any_race(story: Story)
         assert all(each <= 0.5 + 1e-6 for each in apart)
 
 
-@given(stories(), st.data(), st.sampled_from(KARTS))
+@given(events(), st.data(), st.sampled_from(KARTS))
 def test_what_is_struck_out_does_not_count_and_all_that_is_undone_is_as_before(
-    story: Story, data: st.DataObject, kart: int
+    event: Event, data: st.DataObject, kart: int
 ) -> None:
-    there_and_back = story.laps.undo_finish(kart).finish(kart, GREEN + story.now)
-    undone = there_and_back.undo_finish(kart)
-    before = story.laps.undo_finish(kart)
+    laps = driven(event)
+    before = laps.undo_finish(kart)
+    undone = before.finish(kart, event.now).undo_finish(kart)
     assert (undone.crossings, undone.counted) == (before.crossings, before.counted)
-    if not story.told:
+    if not laps.crossings:
         return
-    _, passing = data.draw(st.sampled_from(story.told))
-    struck = story.laps.strike(passing.identity, 'nobody crossed')
+    number = data.draw(st.integers(0, len(laps.crossings) - 1))
+    identity = laps.crossings[number].passing.identity
+    struck = laps.strike(identity, 'nobody crossed')
 
-    number = [each for _, each in story.told].index(passing)
     assert struck.crossings[number].mark is Mark.STRUCK
-    assert [each[:3] for each in struck.crossings] == [each[:3] for each in story.laps.crossings]
-    again = struck.restore(passing.identity)
-    whole = story.laps.again()
+    assert [each[:3] for each in struck.crossings] == [each[:3] for each in laps.crossings]
+    again, whole = struck.restore(identity), laps.restore(identity)
     assert (again.crossings, again.counted) == (whole.crossings, whole.counted)
 
 
@@ -263,11 +207,12 @@ def _is_better(one: KartResult, other: KartResult, format_: Format) -> bool:
     return format_ is Format.TIME_TRIAL and ms(one.best) < ms(other.best)
 
 
-@given(stories(), PENALTIES)
+@given(events(), PENALTIES)
 def test_the_end_says_who_did_not_finish_and_a_penalty_makes_no_result_better_and_goes_whole(
-    story: Story, penalty: Penalty
+    event: Event, penalty: Penalty
 ) -> None:
-    laps = story.laps.end(GREEN + story.now)
+    before = driven(event)
+    laps = before.end(event.now)
     for each in laps.results:
         done = laps.is_done(each.kart) or each.kart in laps.finished
         if not each.lap_times:
@@ -277,17 +222,17 @@ def test_the_end_says_who_did_not_finish_and_a_penalty_makes_no_result_better_an
     practice = dataclasses.replace(laps, heat=Heat('', format=Format.PRACTICE))
     assert all(each.status is not Status.DNF for each in practice.results)
 
-    before = {each.kart: each for each in story.laps.results}
-    punished = story.laps.penalise(penalty)
+    was = {each.kart: each for each in before.results}
+    punished = before.penalise(penalty)
     after = {each.kart: each for each in punished.results}
 
-    assert after[1].laps == max(0, before[1].laps - penalty.laps)
-    if before[1].total is not None:
-        assert after[1].total == before[1].total + penalty.seconds
+    assert after[1].laps == max(0, was[1].laps - penalty.laps)
+    if was[1].total is not None:
+        assert after[1].total == was[1].total + penalty.seconds
     assert (after[1].status is Status.DISQUALIFIED) == penalty.disqualified
-    assert not after[1].place or after[1].place >= before[1].place
+    assert not after[1].place or after[1].place >= was[1].place
     other = penalty._replace(kart=2)
-    assert punished.penalise(other).undo_penalty(1).results == story.laps.penalise(other).results
+    assert punished.penalise(other).undo_penalty(1).results == before.penalise(other).results
 
 
 @pytest.mark.parametrize(
