@@ -15,6 +15,9 @@ from typing import Any
 
 from evgp_board import node
 from evgp_board.view import Heard, Line
+from evgp_node.graph import EVERY
+from evgp_node.parameters import ParameterError
+from evgp_node.process import IN_THE_WAY
 from evgp_node.results import KartResult, Standings, Status
 from evgp_protocol import clock
 from evgp_protocol.link import Grade
@@ -27,11 +30,11 @@ from evgp_testing.domains import free_port
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl
-from evgp_testing.ros_side import RosSide
+from evgp_testing.ros_side import joined
 from evgp_testing.wire_kart import Acknowledges
 import pytest
+from rclpy.parameter import Parameter
 from rig.browser import Browser
-from test_security import allowed, in_graph
 from test_server import Board
 
 HOSTILE = '<img src=x onerror=document.title="hacked">'
@@ -60,22 +63,6 @@ def browser() -> Iterator[Browser]:
 
 def wait_for_text(browser: Browser, selector: str, text: str) -> None:
     browser.wait_for(f'document.querySelector("{selector}").innerText.includes("{text}")')
-
-
-def test_the_board_has_no_way_back(
-    parts: contextlib.ExitStack, domain: int, start_board: StartBoard
-) -> None:
-    beside = parts.enter_context(RosSide('beside', domain))
-    start_board(domain)
-    node, named = beside.node, ('board', '/rcs')
-    heard = {'/rcs/race', '/rcs/timekeeper/results', '/rcs/events'}
-    beside.wait_until_polled(lambda: in_graph(node, named).subscribed >= heard, 'the board')
-    seen = in_graph(node, named)
-    assert seen.asked == set()
-    assert seen.published == {'/rosout', '/parameter_events'}
-    assert seen.published <= allowed('/watchers', 'topics', 'publish')
-    assert seen.subscribed <= allowed('/watchers', 'topics', 'subscribe')
-    assert all(name.startswith('/rcs/board/') for name in seen.served)
 
 
 def test_pages_follow_a_race_and_say_when_they_are_old(
@@ -127,14 +114,16 @@ def test_pages_follow_a_race_and_say_when_they_are_old(
     assert all(each.startswith(address) for each in browser.requested)
 
 
-@pytest.mark.parametrize(('address', 'code'), [('0.0.0.0', 2), ('192.0.2.1', 3)])
 def test_a_board_that_may_not_listen_there_says_why_in_one_sentence(
-    parts: contextlib.ExitStack, domain: int, address: str, code: int
+    parts: contextlib.ExitStack, domain: int
 ) -> None:
-    given = {'address': address, 'port': free_port()}
+    given = {'address': '192.0.2.1', 'port': free_port()}
     board = parts.enter_context(Process('evgp_board', 'board', domain, given))
-    assert board.wait() == code
+    assert board.wait() == IN_THE_WAY
     assert len(board.lines) == 1
+    every = [Parameter('address', value=EVERY)]
+    with joined(domain) as context, pytest.raises(ParameterError, match='means every network'):
+        node.BoardNode(lambda _: None, context=context, parameter_overrides=every)
 
 
 def test_a_board_whose_port_is_taken_may_find_it_free_later() -> None:

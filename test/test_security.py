@@ -13,6 +13,7 @@ import pathlib
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
+from evgp_testing.domains import free_port
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.official import SERVICES
 from evgp_testing.process import executable, Process, Program
@@ -97,6 +98,8 @@ def test_each_program_is_allowed_what_it_does_and_nothing_else(
     parts.enter_context(Timekeeper(tmp_path, control.domain))
     device = {'kind': 'p3', 'device': '127.0.0.1:1'}
     parts.enter_context(Process('evgp_timing', 'timing_source', control.domain, device))
+    board = {'port': free_port()}
+    parts.enter_context(Process('evgp_board', 'board', control.domain, board))
     watch = [executable('evgp_rcs_console', 'rcs_ctl'), 'watch']
     parts.enter_context(Program('watch', watch, control.domain))
 
@@ -117,6 +120,7 @@ def test_each_program_is_allowed_what_it_does_and_nothing_else(
         ('/timekeeper', [('timekeeper', '/rcs')], {'/rcs/passings'}, {'/rcs/kart/finish'}),
         ('/timing', [('timing_source', '/rcs')], set(), set()),
         ('/watchers', [('rcs_ctl', '/')], {'/rcs/race', '/rcs/events'}, set()),
+        ('/watchers', [('board', '/rcs')], {'/rcs/timekeeper/results'}, set()),
     ):
         assert allowed(enclave, 'services', 'request') == asks
         look = functools.partial(faults, enclave, nodes, hears)
