@@ -14,8 +14,10 @@ from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from evgp_node.results import Passing
+from evgp_node.spinning import Spinning
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import free_port
+from evgp_testing.part import PATIENCE
 from evgp_testing.process import Process
 from evgp_testing.ros_side import RosSide
 from evgp_timing import node
@@ -25,7 +27,7 @@ import pytest
 from rclpy.parameter import Parameter
 from recorded_bytes import P3_LIVE, p3_passing, RECORDED
 
-Start = Callable[..., Process]
+Start = Callable[..., None]
 
 
 class Listener(RosSide):
@@ -66,11 +68,26 @@ def listener(parts: contextlib.ExitStack, domain: int) -> Listener:
 
 
 @pytest.fixture
-def start(parts: contextlib.ExitStack, domain: int) -> Start:
-    """Return a function that starts the node with these parameters."""
+def start(parts: contextlib.ExitStack, listener: Listener) -> Start:
+    """Return a function that starts the node with these parameters in this process."""
 
-    def start(**parameters: object) -> Process:
-        return parts.enter_context(Process('evgp_timing', 'timing_source', domain, parameters))
+    def start(**parameters: object) -> None:
+        failures: list[BaseException] = []
+        source = node.TimingSource(
+            failures.append,
+            context=listener.context,
+            use_global_arguments=False,
+            parameter_overrides=[Parameter(name, value=it) for name, it in parameters.items()],
+        )
+        spinning = Spinning(source, failures.append)
+
+        def end() -> None:
+            source.close()
+            assert spinning.stop(PATIENCE)
+            source.destroy_node()
+            assert not failures
+
+        parts.callback(end)
 
     return start
 
@@ -108,7 +125,6 @@ def of(heard: msg.Passing) -> Passing:
 @pytest.mark.parametrize('kind', ['p3', 'lines'])
 def test_what_a_device_sends_is_heard_as_it_came_without_gates_also_by_who_comes_later(
     kind: str,
-    start: Start,
     listener: Listener,
     domain: int,
     terminal: tuple[int, str],
@@ -125,7 +141,8 @@ def test_what_a_device_sends_is_heard_as_it_came_without_gates_also_by_who_comes
     ]
     line, path = terminal
     device = at(server) if kind == 'p3' else path
-    start(kind=kind, device=device, source='north', gates=', '.join(gates))
+    given = {'kind': kind, 'device': device, 'source': 'north', 'gates': ', '.join(gates)}
+    source = parts.enter_context(Process('evgp_timing', 'timing_source', domain, given))
     if kind == 'p3':
         line = os.dup(parts.enter_context(server.accept()[0]).fileno())
         parts.callback(os.close, line)
@@ -144,6 +161,7 @@ def test_what_a_device_sends_is_heard_as_it_came_without_gates_also_by_who_comes
     identities = [(each.session, each.number) for each in heard]
     assert identities == [(each.session, each.number) for each in later]
     assert len(set(identities)) == len(sent)
+    assert source.close() == 0
 
 
 def test_a_decoder_that_is_gone_is_told_and_read_again_once_it_is_back(
@@ -205,44 +223,26 @@ def test_a_silent_decoder_is_told_and_connected_to_again(
 
 
 def test_a_contact_makes_a_passing_of_nobody_known(
-    monkeypatch: pytest.MonkeyPatch, listener: Listener
+    monkeypatch: pytest.MonkeyPatch, start: Start, listener: Listener
 ) -> None:
     # There is no control line without hardware.
-    line, failures = SimpleNamespace(cts=False, close=lambda: None), []
+    line = SimpleNamespace(cts=False, close=lambda: None)
     monkeypatch.setattr(node, 'connect', lambda *_: line)
-    source = node.TimingSource(
-        failures.append,
-        context=listener.context,
-        use_global_arguments=False,
-        parameter_overrides=[
-            Parameter('kind', value='contact'),
-            Parameter('device', value='/dev/ttyS0'),
-            Parameter('debounce', value=0.05),
-        ],
-    )
-    try:
-        listener.wait_until_polled(
-            lambda: listener.node.count_publishers('/rcs/passings') == 1, 'the source'
-        )
-        for count in (1, 2):
-            # A crossing needs a line that was free for so long.
-            while len(listener.passings) < count:
-                line.cts = not line.cts
-                with listener.news:
-                    listener.news.wait(0.1)
-            line.cts = False
-        first, second = listener.wait_for_passings(2)
-    finally:
-        source.close()
-        source.destroy_node()
+    start(kind='contact', device='/dev/ttyS0', debounce=0.05)
+    for count in (1, 2):
+        # A crossing needs a line that was free for so long.
+        while len(listener.passings) < count:
+            line.cts = not line.cts
+            with listener.news:
+                listener.news.wait(0.1)
+        line.cts = False
+    first, second = listener.wait_for_passings(2)
     assert (first.number, second.number) == (1, 2)
     assert (first.kart, first.transponder) == (0, '')
-    assert not failures
 
 
 def test_a_port_without_control_lines_is_told_and_the_node_goes_on(
     start: Start, listener: Listener, terminal: tuple[int, str]
 ) -> None:
-    source = start(kind='contact', device=terminal[1])
+    start(kind='contact', device=terminal[1])
     listener.wait_for_status(DiagnosticStatus.ERROR, connections='2')
-    assert source.close() == 0
