@@ -42,6 +42,7 @@ from evgp_testing.race_control import address_of
 import pytest
 from rig.bare_race_control import BareRaceControl, BEAT
 from rig.needs import cannot_run
+from test_wire_document import client_at
 import yaml
 
 ROOT = pathlib.Path(__file__).parents[1]
@@ -635,19 +636,22 @@ def lost(lose: Callable[[], object], *karts: Program) -> None:
         kart.wait_for_line('^obey RED_RED')
 
 
-def test_the_examples_drive_a_race_and_stop_when_the_real_race_control_hangs(
+def test_the_examples_and_the_documents_client_race_and_stop_when_race_control_hangs(
     start_example: StartExample,
     start_race_control: StartRaceControl,
     join_official: JoinOfficial,
+    parts: contextlib.ExitStack,
 ) -> None:
-    numbers = range(1, len(EXAMPLES) + 1)
-    control = start_race_control(in_race=numbers)
+    *numbers, client = range(1, len(EXAMPLES) + 2)
+    control = start_race_control(in_race=[*numbers, client])
     official = join_official(control)
+    of_the_document = [sys.executable, '-c', client_at(control.port, client)]
+    parts.callback(Program('client', of_the_document).kill)
     karts = [
         start_example(name, control.port, number)
         for number, name in zip(numbers, EXAMPLES, strict=True)
     ]
-    official.wait_for_connected(*numbers)
+    official.wait_for_connected(*numbers, client)
 
     for state in (GREEN, FLAG, RED, GREEN):
         official.bring_to(state)  # returns when the karts have acknowledged it

@@ -4,7 +4,8 @@
 """
 The client in docs/wire.md, with no change but its two addresses.
 
-test_inspection.py inspects it; here is what an inspection does not try.
+test_inspection.py inspects it, and it drives in the race of test_kart_kit.py; here is what they do
+not try.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ import sys
 import time
 
 from evgp_protocol.states import RaceState
-from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.process import Program
 from evgp_testing.race_control import address_of
 import pytest
@@ -28,17 +28,11 @@ ADDRESSES = "RACE_CONTROL = ('10.0.0.1', 12017)\nOWN_ADDRESS = None"
 (CLIENT,) = blocks('docs/wire.md', 'python')
 
 
-def client_at(port: int) -> str:
-    """Return the client of kart 1 for a race control at a port of this machine."""
+def client_at(port: int, number: int = 1) -> str:
+    """Return the client of a kart for a race control at a port of this machine."""
     assert ADDRESSES in CLIENT
-    here = f"RACE_CONTROL = ('127.0.0.1', {port})\nOWN_ADDRESS = ('{address_of(1)}', 0)"
+    here = f"RACE_CONTROL = ('127.0.0.1', {port})\nOWN_ADDRESS = ('{address_of(number)}', 0)"
     return CLIENT.replace(ADDRESSES, here)
-
-
-def start_client(port: int, parts: contextlib.ExitStack) -> Program:
-    client = Program('client', [sys.executable, '-c', client_at(port)])
-    parts.callback(client.kill)
-    return client
 
 
 class Heard:
@@ -47,26 +41,14 @@ class Heard:
     def __init__(self, parts: contextlib.ExitStack) -> None:
         self.states: list[RaceState] = []
         self.race = parts.enter_context(BareRaceControl(self.states.append))
-        self.client = start_client(self.race.port, parts)
+        self.client = Program('client', [sys.executable, '-c', client_at(self.race.port)])
+        parts.callback(self.client.kill)
         self.race.wait_for_connections(1)
 
 
 @pytest.fixture
 def heard(parts: contextlib.ExitStack) -> Heard:
     return Heard(parts)
-
-
-def test_the_client_of_the_document_drives_a_race_of_the_real_race_control(
-    parts: contextlib.ExitStack,
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-) -> None:
-    control = start_race_control(in_race=[1])
-    official = join_official(control)
-    start_client(control.port, parts)
-    official.wait_for_connected(1)
-    for state in (GREEN_GREEN, RED_FLAG, RED_RED):
-        official.bring_to(state)
 
 
 def test_old_frames_give_the_client_no_more_time(heard: Heard) -> None:
