@@ -106,12 +106,12 @@ class Team(RosSide):
         return Answer(response.success, response.message)
 
     def drive_at(self, speed: float) -> None:
-        """Publish this speed, in m/s, as odometry from now on, at 50 Hz."""
+        """Publish this speed, in m/s, as odometry from now on, at 20 Hz."""
         self._driven = speed
         if self._odometry is None:
             odometry = self.node.create_publisher(Odometry, '/kart_bridge/odom', 10)
             self._odometry = odometry
-            self.node.create_timer(0.02, self._publish_speed)
+            self.node.create_timer(0.05, self._publish_speed)
             # The bridge subscribes, and so does this node.
             self.wait_until_polled(lambda: odometry.get_subscription_count() > 1, 'a bridge')
         self.wait_for_speed(lambda heard: heard == speed or math.isnan(speed))
@@ -155,7 +155,7 @@ class Team(RosSide):
     def _publish_speed(self) -> None:
         odometry = Odometry()
         odometry.twist.twist.linear.x = self._driven
-        self._place += self._rolls * 0.02
+        self._place += self._rolls * 0.05
         odometry.pose.pose.position.x = self._place
         assert self._odometry is not None  # otherwise there is no timer
         self._odometry.publish(odometry)
