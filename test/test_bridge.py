@@ -301,20 +301,20 @@ def test_a_stack_that_hears_no_bridge_says_in_which_domain_or_by_which_variable_
 def test_a_stack_that_reads_the_lock_or_the_plain_state_alone_is_read(
     start_bridge: StartBridge, parts: contextlib.ExitStack
 ) -> None:
-    read = []
-    for kind, topic in ((Bool, 'stop'), (String, 'state')):
-        bridge = start_bridge()
-        side = parts.enter_context(RosSide('reader', bridge.domain))
-        reader = side.node.create_subscription(kind, f'/kart_bridge/{topic}', print, 1)
-        side.spin()
-        bridge.wait_for_line('refuses')  # it has begun
-        read.append((bridge, side, reader))
+    bridge = start_bridge()
+    side = parts.enter_context(RosSide('reader', bridge.domain))
+    side.spin()
+    subscribe, leave = side.node.create_subscription, side.node.destroy_subscription
+    lock = subscribe(Bool, '/kart_bridge/stop', print, 1)
+    bridge.wait_for_line('refuses')  # it has begun
     time.sleep(WARN_AFTER + 1.0)  # that time passes is itself what is awaited
-    for bridge, side, reader in read:
-        assert 'No node has read' not in bridge.output
-        side.node.destroy_subscription(reader)
-        where = f'/kart_bridge/race_state in ROS domain {bridge.domain}'
-        bridge.wait_for_line(f'No node has read {where} .*{INTERFACE}')
+    plain = subscribe(String, '/kart_bridge/state', print, 1)
+    leave(lock)
+    time.sleep(WARN_AFTER + 1.0)
+    assert 'No node has read' not in bridge.output
+    leave(plain)
+    where = f'/kart_bridge/race_state in ROS domain {bridge.domain}'
+    bridge.wait_for_line(f'No node has read {where} .*{INTERFACE}')
 
 
 def test_a_bridge_says_after_5_s_that_nobody_acknowledges_and_that_a_kart_never_moves(
