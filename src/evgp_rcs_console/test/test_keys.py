@@ -12,6 +12,7 @@ from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console.keys import (
     is_kill,
     KartField,
+    key_help,
     key_name,
     KEYS,
     meaning,
@@ -28,6 +29,8 @@ def test_no_key_means_two_things() -> None:
 
     assert len(every) == len(set(every))
     assert not any(is_kill(key, 0) for key in every)
+    helped = dict(key_help())
+    assert (helped['F3'], helped['Ctrl+G']) == ('GREEN GREEN', 'GARAGE: chosen kart')
 
 
 @pytest.mark.parametrize(
@@ -133,6 +136,7 @@ def play(script: str) -> tuple[list[int], KartField]:
         ('@2 7 +5 !', [0]),
         ('28 <!', [2]),
         ('28 < < <!', [0]),
+        ('27 +5 <!', [0]),
         ('@12! +99!', [12, 12]),
         ('@12 3! !', [0, 0]),  # not back to kart 12: nothing was said of it for long
     ],

@@ -126,6 +126,8 @@ def test_a_question_about_other_karts_another_statement_or_hold_is_another_quest
         for flag_at in (RACE.stamp + 4.0, None)
     )
     assert not undo.asks_the_same(sent)  # whether the kart races on is not the same
+    for asked, told in ((undo, 'has not been sent yet'), (sent, 'has been sent')):
+        assert f'Its RED FLAG {told}.' in asked.question.consequences
 
 
 def test_a_question_speaks_of_one_kart_and_of_several_and_says_who_stays_held_and_why() -> None:
