@@ -401,8 +401,8 @@ def misfits(console: Console) -> Iterator[str]:
     karts = console.window.karts
     for place, number in enumerate(karts.numbers):
         # A long name or note may end with dots, because the bottom line shows all of it.
-        cut, high = {*karts.cut(place)} - {1}, karts.table.rowHeight(place)
-        if cut and console.row(number).height() == high:
+        whole = console.row(number).height() == karts.table.rowHeight(place)
+        if whole and (cut := {*karts.cut(place)} - {1}):
             yield f'kart {number}: columns {cut} are cut'
 
 
@@ -411,13 +411,13 @@ def overlaps(console: Console) -> Iterator[str]:
     no_click = QtCore.Qt.WidgetAttribute.WA_TransparentForMouseEvents
     for parent in (console.window, *console.window.findChildren(QtWidgets.QWidget)):
         parts = [
-            each
+            (each, each.geometry())
             for each in parent.children()
             if isinstance(each, (Text, Panel, Push)) and not isinstance(each, Sheet)
             if each.isVisible() and not each.testAttribute(no_click)
         ]
-        for one, other in itertools.combinations(parts, 2):
-            if one.geometry().intersects(other.geometry()):
+        for (one, place), (other, its_place) in itertools.combinations(parts, 2):
+            if place.intersects(its_place):
                 yield f'{one.objectName()} and {other.objectName()} overlap'
 
 
