@@ -64,6 +64,23 @@ def as_seen(race: Race, kind: CommandKind, kart: int, now: float, /, **fields: A
     return Command(kind, kart, True, frozenset(karts), hold, **seen)._replace(**fields)
 
 
+NO_PAUSE = RaceTimes(pause=0.0, settle_time=0.0)
+"""So that a test can have a stop, its acknowledgement and a release at the same instant."""
+
+NEWS: dict[str, inputs.Input] = {
+    'rival': inputs.Rival(0.0, True),
+    'two programs': inputs.Contested(0.0, 1, True),
+    'full disk': inputs.RecordTrouble(0.0, 'The disk is full'),
+    'no cable': inputs.CutOff(0.0, 'eth0 has no cable'),
+    'anna': inputs.Attended(0.0, Attendance(1, 'Anna (window)')),
+    'nobody': inputs.Attended(0.0, Attendance()),
+    'late reader': inputs.Measured(
+        0.0, 1, NOT_MEASURED._replace(grade=Grade.POOR, worst_answer=0.01, behind=1.2)
+    ),
+}
+"""What may happen besides, in a story of `PaperRace`."""
+
+
 class PaperRace:
     """
     A race whose karts answer as they are told here, and its events.
@@ -122,6 +139,9 @@ class PaperRace:
     def lose(self, number: int) -> None:
         self.feed(inputs.Disconnected(self.now, number, 'the connection was reset'))
 
+    def silence(self, number: int) -> None:
+        self.feed(inputs.Disconnected(self.now, number, 'it stopped answering', True))
+
     def deliver(self, number: int, after: float) -> None:
         """Have a kart's kernel answer what it is being sent, so long after it was ordered (s)."""
         kart = self.race.karts[number]
@@ -129,22 +149,23 @@ class PaperRace:
         self.now = max(self.now, answered)
         self.feed(inputs.Delivered(self.now, number, kart.serial, answered))
 
-    def measure(self, number: int, grade: Grade) -> None:
+    def measure(self, number: int, grade: Grade) -> Outcome:
         """Have the link to a kart be as good as that."""
         worst = GRADES.get(grade, 0.0)
         link = NOT_MEASURED._replace(grade=grade, worst_answer=worst)
-        self.feed(inputs.Measured(self.now, number, link))
+        return self.feed(inputs.Measured(self.now, number, link))
 
-    def say(self, number: int, state: RaceState | None = None) -> None:
+    def say(self, number: int, state: RaceState | None = None) -> Outcome:
         """Have a kart say a state: what it is being sent, if nothing else."""
         kart = self.race.karts[number]
         if state is None:
             self.deliver(number, min(0.02, self.now - kart.ordered_at))
-        self.feed(inputs.Heard(self.now, number, kart.serial, state or kart.sent))
+        return self.feed(inputs.Heard(self.now, number, kart.serial, state or kart.sent))
 
-    def acknowledge(self) -> None:
-        """Have every connected kart acknowledge what it is being sent."""
-        for number in [kart.number for kart in self.race.karts.values() if kart.connected]:
+    def acknowledge(self, *numbers: int) -> None:
+        """Have karts acknowledge what they are being sent: these, or every connected one."""
+        connected = [kart.number for kart in self.race.karts.values() if kart.connected]
+        for number in numbers or connected:
             self.say(number)
         self.feed(inputs.Tick(self.now))
 
@@ -167,6 +188,24 @@ class PaperRace:
         self.acknowledge()
         self.command(CommandKind.GREEN_GREEN)
         self.acknowledge()
+
+    def go(self, story: str) -> None:
+        """
+        Go through a story: what officials, karts and time do, with commas between.
+
+        A step is one of `NEWS`, a command, or a method of this class; then come numbers and names.
+        """
+        names = {**RaceState.__members__, **LastRun.__members__}
+        for step in filter(None, story.split(', ')):
+            word, *rest = step.split()
+            if step in NEWS:
+                self.feed(NEWS[step]._replace(at=self.now))
+                continue
+            given: list[Any] = [int(each) if each.isdigit() else names[each] for each in rest]
+            if word in CommandKind.__members__:
+                self.command(CommandKind[word], *given)
+            else:
+                getattr(self, word)(*given)
 
     def go_home(self) -> None:
         """Go from RED_RED to the garage."""

@@ -11,7 +11,6 @@ anything.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import itertools
 from types import ModuleType
 from typing import Any
@@ -19,117 +18,82 @@ from typing import Any
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules import race
 from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.inputs import Setup
+from evgp_rcs.rules.race import Entrant, Heat, Outcome, Roster
 import pytest
 import race_oracle as oracle
-from recorded_races import as_seen
+from recorded_races import NO_PAUSE, PaperRace
 from rig.faults import faults_in, module_with
 
 TEAM, LATE = 1, 9
 """A kart that is in the roster, and one that is not yet."""
 
 
-class Meeting:
+def roster_of(*karts: tuple[int, str, str]) -> Roster:
+    """Return a roster of these karts: number, team and address of each."""
+    entrants = [Entrant(number, team, True, '', address) for number, team, address in karts]
+    return Roster(tuple(entrants), (Heat('Heat 1', tuple(each.number for each in entrants)),))
+
+
+SAME = (2, 'A', '10.0.0.2')
+
+
+class Meeting(PaperRace):
     """A race of two karts in IN_GARAGE, and what the officials do with its roster."""
 
     def __init__(self, rules: ModuleType) -> None:
-        self.rules = rules
-        self.now = 10.0
-        heats = [rules.Heat('Heat 1', (1, 2))]
-        karts = [rules.Kart(each, 'A', True, address=f'10.0.0.{each}') for each in (1, 2)]
-        self.race = rules.Race(karts, now=self.now, heats=heats)
-        self.read: Any = None
+        karts, heats = roster_of((TEAM, 'A', '10.0.0.1'), SAME)
+        super().__init__({}, setup=Setup(karts, NO_PAUSE, heats, 10.0))
+        self.race = rules.Race([rules.Kart(*each) for each in karts], NO_PAUSE, 10.0, heats)
+        self.roster = Roster(())
 
-    def do(self, kind: str, kart: int = 0, **more: Any) -> Any:
-        """Give a command after every pause, as an official does who sees the race as it is."""
-        self.now = max(self.now + 1.0, self.race.paused_until)
-        command = as_seen(self.race, CommandKind[kind], kart, self.now, **more)
-        return self.race.command(command, self.now)
+    def read(self) -> Outcome:
+        return self.command(CommandKind.READ_ROSTER, roster=self.roster)
 
-    def offered(self, kind: str) -> Any:
-        return self.race.availability(CommandKind[kind], 0, self.now)
-
-    def roster(self, *karts: tuple[int, str, str]) -> Any:
-        """Return a roster of these karts: number, team and address of each."""
-        heats = (self.rules.Heat('Heat 1', tuple(number for number, _, _ in karts)),)
-        entrants = (self.rules.Entrant(number, team, True, '', at) for number, team, at in karts)
-        return self.rules.Roster(tuple(entrants), heats)
+    def take(self, **fields: Any) -> Outcome:
+        fields = {'roster': self.roster, **fields}
+        return self.command(CommandKind.TAKE_ROSTER, **fields)
 
 
-def _lost_in_motion(meeting: Meeting) -> None:
-    race, now = meeting.race, meeting.now
-    race.connected(TEAM, now)
-    race.heard(TEAM, race.karts[TEAM].serial, RaceState.GREEN_GREEN, now)
-    race.disconnected(TEAM, 'gone', now)
-
-
-def _lost_on_the_grid(meeting: Meeting) -> None:
-    race = meeting.race
-    race.connected(TEAM, meeting.now)
-    meeting.do('LEAVE_RACE', 2)
-    meeting.do('GRID_ACTIVE')
-    race.disconnected(TEAM, 'gone', meeting.now)
-    meeting.do('LEAVE_RACE', TEAM)
-    meeting.do('IN_GARAGE')
-
-
-def _held(meeting: Meeting) -> None:
-    meeting.do('KART_RED_RED', TEAM)
-
-
-def _contested(meeting: Meeting) -> None:
-    meeting.race.contested(TEAM, True, meeting.now)
-
-
-BOUND: dict[str, Callable[[Meeting], object]] = {
-    'connected': lambda meeting: meeting.race.connected(TEAM, meeting.now),
-    'held': _held,
-    'lost in motion': _lost_in_motion,
-    'lost on the grid': _lost_on_the_grid,
-    'as which two programs connect': _contested,
+BOUND = {
+    'connected': 'connect 1',
+    'held': 'KART_RED_RED 1',
+    'lost in motion': 'connect 1, say 1 GREEN_GREEN, lose 1',
+    'lost on the grid': 'connect 1, LEAVE_RACE 2, GRID_ACTIVE, lose 1, LEAVE_RACE 1, IN_GARAGE',
+    'as which two programs connect': 'two programs',
 }
 """Why the roster must keep a kart, and its address."""
 
-FREE: dict[str, Callable[[Meeting], object]] = {
-    'never there': lambda meeting: None,
-    'gone': lambda meeting: (
-        meeting.race.connected(TEAM, meeting.now),
-        meeting.race.disconnected(TEAM, 'gone', meeting.now),
-    ),
-    'released after all were stopped': lambda meeting: (
-        meeting.do('ALL_KILL'),
-        meeting.do('IN_GARAGE'),
-    ),
+FREE = {
+    'never there': '',
+    'gone': 'connect 1, lose 1',
+    'released after all were stopped': 'ALL_KILL, IN_GARAGE',
 }
 
-SAME, OTHER = (2, 'A', '10.0.0.2'), (2, 'B', '10.0.0.2')
 ROSTERS = {
     'the same': ((1, 'A', '10.0.0.1'), SAME),
     'a late team': ((1, 'A', '10.0.0.1'), SAME, (LATE, 'C', '10.0.0.9')),
-    'another team': ((1, 'B', '10.0.0.1'), OTHER),
+    'another team': ((1, 'B', '10.0.0.1'), (2, 'B', '10.0.0.2')),
     'without it': (SAME,),
     'another one at its address': (SAME, (LATE, 'C', '10.0.0.1')),
     'another address': ((1, 'A', '10.0.0.7'), SAME),
     'addresses changed about': ((1, 'A', '10.0.0.2'), (2, 'A', '10.0.0.1')),
 }
 
-BETWEEN: dict[str, Callable[[Meeting], object]] = {
-    'nothing': lambda meeting: None,
-    'it connects': BOUND['connected'],
-    'it is held': _held,
-    'all are stopped': lambda meeting: meeting.do('ALL_KILL'),
-    'another race control comes': lambda meeting: meeting.race.rival(True, meeting.now),
-    'the network is lost': lambda meeting: meeting.race.cut_off('no cable', meeting.now),
-    'a race is over': lambda meeting: (
-        [meeting.race.connected(each, meeting.now) for each in meeting.race.karts],
-        meeting.do('GRID_ACTIVE'),
-        meeting.do('IN_GARAGE'),
-    ),
-    'it is read again': lambda meeting: meeting.do('READ_ROSTER', roster=meeting.read),
+BETWEEN = {
+    'nothing': '',
+    'it connects': 'connect 1',
+    'it is held': 'KART_RED_RED 1',
+    'all are stopped': 'ALL_KILL',
+    'another race control comes': 'rival',
+    'the network is lost': 'no cable',
+    'a race is over': 'connect 1 2, GRID_ACTIVE, IN_GARAGE',
+    'it is read again': 'read',
 }
 """What happens after the roster was read, and before it is taken."""
 
 
-def _keeps(before: oracle.View, roster: Any) -> bool:
+def _keeps(before: oracle.View, roster: Roster) -> bool:
     """Return whether a roster has every kart that it must have, with its address."""
     at = {each.number: each.address for each in roster.karts}
     return all(
@@ -147,28 +111,28 @@ def check(rules: ModuleType) -> None:
         case = f'{first[0]}, {karts[0]}, {between[0]}'
         meeting = Meeting(rules)
         seen = meeting.race
-        first[1](meeting)
-        roster = meeting.roster(*karts[1])
+        meeting.go(first[1])
+        meeting.roster = roster = roster_of(*karts[1])
         before = oracle.look(seen)
-        assert not meeting.offered('TAKE_ROSTER').available, case
-        outcome = meeting.do('READ_ROSTER', roster=roster)
+        assert not seen.availability(CommandKind.TAKE_ROSTER, 0, meeting.now).available, case
+        outcome = meeting.read()
         assert outcome.answer.success is _keeps(before, roster), (case, outcome.answer)
         assert oracle.look(seen) == before, case
         assert not outcome.orders, case
         if not outcome.answer.success:
             assert not seen.reading, case
             continue
-        number, meeting.read, races = seen.reading, roster, seen.grids
-        between[1](meeting)
+        number, races = seen.reading, seen.grids
+        meeting.go(between[1])
         before = oracle.look(seen)
         again = between[0] == 'it is read again' and seen.reading != number
         waits = before.state is RaceState.IN_GARAGE and seen.grids == races
         barred = before.has_rival or before.cut_off_by or again
         wanted = waits and _keeps(before, roster) and not barred
-        for other in (meeting.roster(), meeting.roster(*karts[1], (8, 'D', '10.0.0.8'))):
-            answer = meeting.do('TAKE_ROSTER', reading=number, roster=other).answer
+        for other in (roster_of(), roster_of(*karts[1], (8, 'D', '10.0.0.8'))):
+            answer = meeting.take(reading=number, roster=other).answer
             assert not answer.success, case  # the file is another by now
-        outcome = meeting.do('TAKE_ROSTER', reading=number, roster=roster)
+        outcome = meeting.take(reading=number)
         assert outcome.answer.success is wanted, (case, outcome.answer)
         assert not outcome.orders, case
         after = oracle.look(seen)
@@ -184,8 +148,7 @@ def check(rules: ModuleType) -> None:
             assert kart == known.get(kart.number, oracle.look(new).karts[0]), case
         for kart, each in zip(seen.karts.values(), roster.karts, strict=True):
             assert (kart.team, kart.address) == (each.team, each.address), case
-        again = meeting.do('TAKE_ROSTER', reading=number, roster=roster)
-        assert not again.answer.success, case
+        assert not meeting.take(reading=number).answer.success, case
 
 
 FAULTS = faults_in(
@@ -226,38 +189,31 @@ def test_the_check_of_the_roster_finds(name: str) -> None:
 
 
 def test_a_kart_that_is_in_no_roster_any_more_stays_held_and_is_not_let_in_again() -> None:
-    memory = race.RaceMemory(
-        RaceState.GREEN_GREEN, {5: race.KartMemory(True, False, 0, race.Doubt.MOVING, False)}
-    )
+    held = race.KartMemory(True, False, 0, race.Doubt.MOVING, False)
+    memory = race.RaceMemory(RaceState.GREEN_GREEN, {5: held})
     meeting = Meeting(race)
     meeting.race.recover(memory, race.LastRun.UNKNOWN, meeting.now)
-    meeting.do('IN_GARAGE')
+    meeting.go('wait 5, IN_GARAGE')
 
-    with_it = meeting.roster((1, 'A', '10.0.0.1'), SAME, (5, 'E', '10.0.0.5'))
-    answer = meeting.do('READ_ROSTER', roster=with_it).answer
+    meeting.roster = roster_of((1, 'A', '10.0.0.1'), SAME, (5, 'E', '10.0.0.5'))
+    answer = meeting.read().answer
     assert not answer.success
     assert 'kart 5 (no longer in the roster) is held' in answer.message
     assert 'put no kart back that is no longer in it' in answer.message
-    read = meeting.roster(SAME)
-    assert meeting.do('READ_ROSTER', roster=read).answer.success
-    assert meeting.do('TAKE_ROSTER', roster=read).answer.success
+    meeting.roster = roster_of(SAME)
+    assert meeting.read().answer.success
+    assert meeting.take().answer.success
     assert meeting.race.karts[5].hold is RaceState.RED_RED
 
 
 def test_an_alert_of_a_kart_ends_even_if_the_kart_has_left_the_roster_by_then() -> None:
     meeting = Meeting(race)
-    rules = meeting.race
-    meeting.do('KART_RED_RED', TEAM)
-    rules.connected(TEAM, meeting.now)
-    meeting.now += rules.times.red_alert + 1.0
-    raised = rules.tick(meeting.now).events
-    assert (race.EventKind.ALERT_RAISED, TEAM) in [(each.kind, each.kart) for each in raised]
-    rules.disconnected(TEAM, 'gone', meeting.now)
-    meeting.do('KART_IN_GARAGE', TEAM)
-    read = meeting.roster(SAME)
-    assert meeting.do('READ_ROSTER', roster=read).answer.success
-    assert meeting.do('TAKE_ROSTER', roster=read).answer.success
-    assert TEAM not in rules.karts
-
-    ended = rules.tick(meeting.now).events
-    assert (race.EventKind.ALERT_CLEARED, TEAM) in [(each.kind, each.kart) for each in ended]
+    meeting.go('KART_RED_RED 1, connect 1, wait 6, lose 1, KART_IN_GARAGE 1')
+    meeting.roster = roster_of(SAME)
+    assert meeting.read().answer.success
+    assert meeting.take().answer.success
+    assert TEAM not in meeting.race.karts
+    meeting.wait(1.0)
+    told = [each.event.kind for each in meeting.stamped if each.event.kart == TEAM]
+    assert race.EventKind.ALERT_RAISED in told
+    assert race.EventKind.ALERT_CLEARED in told
