@@ -412,15 +412,13 @@ def test_an_alert_is_told_once_when_it_comes_and_once_when_it_goes(officials: Of
     ]
 
 
-def test_a_grade_is_told_when_it_changes(officials: Officials) -> None:
-    outcomes = [
-        officials.measure(1, grade) for grade in (Grade.GOOD, Grade.GOOD, Grade.FAIR, Grade.FAIR)
-    ]
-    told = [event for outcome in outcomes for event in outcome.events]
-    assert [(each.kind, each.grade) for each in told] == [
-        (EventKind.LINK_GRADE, Grade.GOOD),
-        (EventKind.LINK_GRADE, Grade.FAIR),
-    ]
+def test_a_grade_is_told_when_it_changes_and_why_it_is_poor(officials: Officials) -> None:
+    for grade in (Grade.GOOD, Grade.GOOD, Grade.FAIR, Grade.FAIR):
+        officials.measure(1, grade)
+    officials.go('late reader')
+    told = [each.event for each in officials.stamped if each.event.kind is EventKind.LINK_GRADE]
+    assert [each.grade for each in told] == [Grade.GOOD, Grade.FAIR, Grade.POOR]
+    assert told[-1].text.endswith('is poor: the kart may read a stop 1.2 s late')
 
 
 def test_a_link_that_was_poor_is_remembered_for_a_minute_however_often_it_was_lost(
