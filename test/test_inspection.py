@@ -25,9 +25,12 @@ from typing import Any
 
 from evgp_inspection.cli import main
 from evgp_inspection.traces import Kind
+from evgp_rcs.ros.settings import read_settings
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.inputs import Setup
+from evgp_rcs.rules.race import Command
 from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain, free_port
-from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.kart import Bridge
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import Process, Program
@@ -35,6 +38,7 @@ from evgp_testing.race_control import address_of
 import pytest
 from rig.needs import cannot_run
 from rig.terminal import Terminal
+from test_figures import Declared
 from test_wire_document import client_at
 
 ROOT = pathlib.Path(__file__).parents[1]
@@ -274,24 +278,21 @@ def test_an_inspector_who_sees_the_wheels_turn_after_a_stop_fails_the_kart(
     assert 'Ada &lt;&amp;&gt;' in page.read_text(encoding='utf-8')
 
 
-def test_a_kart_without_an_inspection_stays_out_of_the_race(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, tmp_path: pathlib.Path
-) -> None:
+def test_a_kart_without_an_inspection_stays_out_of_the_race(tmp_path: pathlib.Path) -> None:
     roster = tmp_path / 'inspected.yaml'
-    inspected = {1: '', 2: '2026-05-01'}
-    lines = [
-        f'- {{number: {number}, team: T, address: {address_of(number)}, in_race: {number == 1}'
-        + (f', inspected: {day}}}' if day else '}')
-        for number, day in inspected.items()
-    ]
-    roster.write_text('\n'.join(['karts:', *lines]), encoding='utf-8')
-    control = start_race_control(in_race=(), others=(1,), roster=roster, require_inspection=True)
-    official = join_official(control)
-    race = official.wait_for_race(lambda race: True, 'a first look at the race')
-    assert {kart.number: kart.inspected for kart in race.karts} == inspected
-    official.command('set_in_race', kart=1, in_race=False)
-    assert not official.call('set_in_race', kart=1, in_race=True).success
-    official.command('set_in_race', kart=2, in_race=True)
+    roster.write_text(
+        """\
+karts:
+- {number: 1, team: T, address: 127.0.1.1, in_race: false}
+- {number: 2, team: T, address: 127.0.1.2, in_race: false, inspected: 2026-05-01}
+""",
+        encoding='utf-8',
+    )
+    node: Any = Declared({'roster': str(roster), 'require_inspection': True})
+    begin = read_settings(node)
+    race = Setup(begin.roster.karts, begin.times, begin.roster.heats, 0.0).race('')
+    answers = [race.command(Command(CommandKind.JOIN_RACE, kart), 5.0).answer for kart in (1, 2)]
+    assert [answer is not None and answer.success for answer in answers] == [False, True]
 
 
 def test_the_space_bar_stops_the_kart_and_ends_the_inspection(
