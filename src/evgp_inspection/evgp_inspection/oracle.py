@@ -731,7 +731,7 @@ class Oracle:
         seen = [each for each in self._stops if each.began is not None]
         took_to_say: dict[Law, float] = {}
         for each in self._stops:
-            if each.moved and each.said is not None:
+            if each.drove and each.moved and each.said is not None:
                 took_to_say.setdefault(each.law, each.said - each.at)
         if not seen and {Law.FLAG, Law.RED} <= took_to_say.keys():
             red, flag = took_to_say[Law.RED], took_to_say[Law.FLAG]

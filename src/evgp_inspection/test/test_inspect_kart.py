@@ -217,6 +217,7 @@ def test_a_good_kart_whose_wheels_nobody_sees_fails_nothing_and_does_not_pass() 
         ('takes malformed bytes for life', EYES, {'K-3E-07'}, set()),
         ('rolls off after RED_FLAG', EYES, {'K-3A-08'}, {'K-3A-07'}),
         ('echoes RED_RED', {'seen': False}, {'K-3A-10'}, {'K-3E-08'}),
+        ('brakes for RED_RED as for RED_FLAG', {'seen': False}, {'K-3A-13'}, set()),
     ],
 )
 def test_a_fault_is_found_by_the_sentence_that_it_breaks(
