@@ -158,7 +158,3 @@ def test_every_trace_has_findings_on_sentences_that_exist_and_their_evidence_is_
         known = {id(event) for event in judged.trace.events}
         assert all(id(event) in known for event in finding.evidence)
         describe(finding.evidence)
-
-
-def test_of_nothing_nothing_is_found() -> None:
-    assert Oracle(LIMITS).findings() == {}
