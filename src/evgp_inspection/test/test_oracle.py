@@ -121,6 +121,29 @@ def test_a_kart_that_gets_faster_again_while_it_brakes_is_found(
     assert STOPPED[stop] in failed(events)
 
 
+LATE = 5.0 + LIMITS.red_red + 0.5
+"""When the kart of a trace stops after 2 s, and the time to say so has passed, s."""
+
+
+@pytest.mark.parametrize(
+    ('more', 'breaks'),
+    [
+        (
+            [
+                Event(LATE, Kind.UNANSWERED, 1),
+                Event(LATE, Kind.SAID, 1, encode(RaceState.RED_RED)),
+            ],
+            'K-3A-09',
+        ),
+        ([Event(4.0, Kind.ANSWER, text=TURNS, value=0.0)], 'K-3A-05'),
+    ],
+    ids=['acknowledges too late', 'is seen to stand'],
+)
+def test_a_kart_that_does_too_little_is_found(more: list[Event], breaks: str) -> None:
+    events = [*trace(RaceState.RED_RED, 2.0, 0.1, 12.0), *more]
+    assert breaks in failed(sorted(events, key=lambda event: event.at))
+
+
 def test_a_computer_that_was_held_up_fails_nobody() -> None:
     events = trace(RaceState.RED_RED, 2.0, 3.0, 12.0)
     for late, verdict in ((9.0, Verdict.NOT_JUDGED), (40.0, Verdict.FAIL)):
