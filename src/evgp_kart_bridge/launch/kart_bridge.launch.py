@@ -3,7 +3,8 @@
 
 """Starts a kart's bridge: ros2 launch evgp_kart_bridge kart_bridge.launch.py host:=10.0.0.1 ."""
 
-from evgp_node.launching import keep_trying_if_it_was_up
+import sys
+
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration, PathJoinSubstitution
@@ -47,6 +48,7 @@ def generate_launch_description() -> LaunchDescription:
             Node(
                 package='evgp_kart_bridge',
                 executable='kart_bridge_node',
+                exec_name='kart_bridge_node',
                 name='kart_bridge',
                 namespace=LaunchConfiguration('namespace'),
                 parameters=[
@@ -61,9 +63,7 @@ def generate_launch_description() -> LaunchDescription:
                 output='screen',
                 # A bridge that died restarts in RED_RED, like every bridge (§3.E). Until then, the
                 # stack stops because the bridge's topics are silent.
-                respawn=True,
-                respawn_delay=1.0,
-                on_exit=keep_trying_if_it_was_up(),
+                prefix=f'{sys.executable} -m evgp_node.restarting',
             ),
         ]
     )

@@ -7,13 +7,19 @@ Start race control and the timekeeper: ros2 launch evgp_rcs rcs.launch.py roster
 The timekeeper ends with race control, but race control does not need the timekeeper.
 """
 
-from evgp_node.launching import keep_trying_if_it_was_up
+import sys
+
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, EmitEvent
+from launch.events import matches_action
+from launch.events.process import ShutdownProcess
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
+
+RESTARTING = f'{sys.executable} -m evgp_node.restarting'
+"""Restarts a program that dies, as `make run` does. Karts stay stopped until then."""
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -28,27 +34,25 @@ def generate_launch_description() -> LaunchDescription:
     timekeeper = Node(
         package='evgp_timing',
         executable='timekeeper',
+        exec_name='timekeeper',
         name='timekeeper',
         namespace=[LaunchConfiguration('namespace'), '/rcs'],
         parameters=[LaunchConfiguration('timing_params_file'), roster],
         additional_env=environment,
         output='screen',
-        respawn=True,
-        respawn_delay=1.0,
-        on_exit=keep_trying_if_it_was_up(),
+        prefix=RESTARTING,
     )
     race_control = Node(
         package='evgp_rcs',
         executable='rcs_node',
+        exec_name='rcs_node',
         name='rcs',
         namespace=LaunchConfiguration('namespace'),
         parameters=[LaunchConfiguration('params_file'), roster],
         additional_env=environment,
         output='screen',
-        # If race control dies, it is restarted; its karts stay stopped until then.
-        respawn=True,
-        respawn_delay=1.0,
-        on_exit=keep_trying_if_it_was_up(timekeeper),
+        prefix=RESTARTING,
+        on_exit=EmitEvent(event=ShutdownProcess(process_matcher=matches_action(timekeeper))),
     )
     return LaunchDescription(
         [
