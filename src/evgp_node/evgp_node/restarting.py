@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A small loop that keeps a program running without systemd or ``ros2 launch``.
+A small loop that keeps a program running, for make, launch files and a spare machine.
 
 Usage: ``python -m evgp_node.restarting program argument ...``
 
