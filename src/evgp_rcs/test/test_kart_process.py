@@ -296,7 +296,6 @@ def test_a_kart_server_that_hangs_and_takes_nothing_is_given_up_and_no_thread_wa
             while True:  # until its end takes no more
                 client.command(ALL_KILL, clock.now())
         assert ended.wait(TIMEOUT)
-        client._process.send_signal(signal.SIGCONT)
     finally:
         client.stop(in_order=False)
 
