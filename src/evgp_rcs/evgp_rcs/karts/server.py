@@ -92,13 +92,6 @@ SHOW_AFTER = 0.01
 """Minimum delay before a snapshot shows an event, in seconds. As with `GATHER`, one snapshot then
 covers many events."""
 
-MOST_GATHERED = 60
-"""Number of gathered events that the server forwards at once. This takes about 0.4 ms and can
-delay a stop by that much."""
-
-KARTS_BETWEEN_LOOKS = 8
-"""Number of karts that a beat writes to before it checks for commands again."""
-
 TO_ROS_HALF_BYTES = 64 * 2**20
 """Maximum backlog to the ROS half, in bytes. If it is larger, the server abandons the ROS half."""
 
@@ -301,9 +294,8 @@ class KartServer:
         self._take(inputs.Tick(now))
         for kart in [each.number for each in self._race.karts.values() if each.contested]:
             self._check_contest(kart, now)
-        for count, link in enumerate(list(self._links.values())):
-            if count % KARTS_BETWEEN_LOOKS == 0:
-                self.take_commands()
+        for link in list(self._links.values()):
+            self.take_commands()
             link.beat()
         if now - self._shown_at >= MOST_BETWEEN_SNAPSHOTS:
             self._ask_to_show()
@@ -421,8 +413,6 @@ class KartServer:
         if not self._gathered:
             self._loop.call_later(GATHER, self._flush)
         self._gathered += stamped
-        if len(self._gathered) >= MOST_GATHERED:
-            self._flush()
         self._ask_to_show()
 
     def _flush(self) -> None:
