@@ -218,7 +218,6 @@ def test_a_cut_link_is_noticed_at_both_ends_and_the_kart_is_back_held(
     assert race.faulty.team.stop is True
 
 
-@pytest.mark.early
 def test_a_kart_is_not_lost_where_a_twentieth_is_lost_and_everything_late(
     race: NetworkRace,
 ) -> None:

@@ -114,14 +114,6 @@ def test_a_button_that_is_back_before_it_was_missed_is_never_missed(presences: P
         assert not presences.attendance(at).button_fault
 
 
-def test_of_too_many_programs_those_that_came_first_are_heard(presences: Presences) -> None:
-    for number in range(MOST_PROGRAMS):
-        assert presences.hear(Word(str(number)), 10.0)
-    assert not presences.hear(Word('one more'), 11.0)
-    assert presences.attendance(11.0).able_to_stop == MOST_PROGRAMS
-    assert presences.hear(Word('one more'), 12.0)
-
-
 WORDS = st.builds(
     Word,
     id=st.text(max_size=3) | st.sampled_from('ab'),
