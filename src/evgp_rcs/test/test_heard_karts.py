@@ -27,6 +27,7 @@ import pytest
 
 GARAGE, GRID, GREEN = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN
 FLAG, RED = RaceState.RED_FLAG, RaceState.RED_RED
+FRAMES = {state: encode(state) for state in RaceState}
 
 Orders = list[tuple[RaceState, float]]
 
@@ -179,7 +180,7 @@ class Story:
 
     def order(self, state: RaceState, now: float) -> None:
         self.orders.append(Given(now, state))
-        self.sent += len(encode(state))
+        self.sent += len(FRAMES[state])
         serial = len(self.orders)
         self.hearing.order(serial, state, self.sent, 0)
         self.unread.append(serial)
@@ -193,11 +194,11 @@ class Story:
             assert frame.state is self.last_heard[0]
             self.count(serial, self.last_heard[1], now)
         if self.orders:
-            self.sent += len(encode(self.orders[-1].state))
+            self.sent += len(FRAMES[self.orders[-1].state])
             self.unread.append(len(self.orders))
             self.hearing.sent_again()
-        if self.hearing.behind:
-            self.behind.append((now, self.hearing.behind))
+        if behind := self.hearing.behind:
+            self.behind.append((now, behind))
 
     def read(self, now: float) -> None:
         if any(begin <= now < begin + lasts for begin, lasts in self.reader.freezes):
@@ -230,7 +231,7 @@ class Story:
             self.arrive(state, serial, now)
 
     def arrive(self, state: RaceState, meant: int, now: float) -> None:
-        data = encode(state)
+        data = FRAMES[state]
         self.hearing.read(len(data))
         self.hearing.look(self.sent, 0)
         ((heard, serial),) = self.hearing.decode(memoryview(data))
