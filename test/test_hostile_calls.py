@@ -148,7 +148,7 @@ def send(client: Any, request: ctypes.Structure) -> None:
     assert code == 0
 
 
-# ----- each node of ours ------------------------------------------------------------------
+# ----- nodes of ours, each of which is a StrictNode --------------------------------------
 
 
 Attacked = tuple[Process, str, dict[str, Any], int]
@@ -162,24 +162,19 @@ def race(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireRace]:
         assert race.control.close() == 0, race.control.output
 
 
-@pytest.fixture(scope='module', params=['rcs', 'kart_bridge', 'example_stack'])
+@pytest.fixture(scope='module', params=['rcs', 'kart_bridge'])
 def attacked(request: pytest.FixtureRequest) -> Iterator[Attacked]:
     """Return a running process, its node's name, that node's own services, and the domain."""
     if request.param == 'rcs':
         race = request.getfixturevalue('race')
         yield race.control, 'rcs', SERVICES, race.domain
-        return
-    process: Process
-    own: dict[str, Any] = {}
-    with Domain() as domain:
-        if request.param == 'kart_bridge':
-            process = Bridge(domain.number, free_port(), address_of(1))
-            own = OF_BRIDGE
-        else:
-            process = Process('evgp_kart_bridge', 'example_stack', domain.number)
-        with process:
-            yield process, request.param, own, domain.number
-            assert process.close() == 0, process.output
+    else:
+        with (
+            Domain() as domain,
+            Bridge(domain.number, free_port(), address_of(1)) as bridge,
+        ):
+            yield bridge, 'kart_bridge', OF_BRIDGE, domain.number
+            assert bridge.close() == 0, bridge.output
 
 
 @pytest.fixture
