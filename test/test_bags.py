@@ -209,23 +209,18 @@ def overrides() -> dict[str, QoSProfile]:
     }
 
 
-def test_rosbag2_is_told_of_every_latched_topic_of_race_control_and_timekeeper(
+def test_rosbag2_is_told_of_every_latched_topic_and_gets_all_that_it_keeps(
     recorded: Recorded,
 ) -> None:
-    assert recorded.latched - {'/rosout'} == set(overrides())
-
-
-@pytest.mark.parametrize(
-    ('topic', 'published'),
-    [
-        ('/rcs/race', RACE_QOS),
-        ('/rcs/events', EVENTS_QOS),
-        ('/rcs/timekeeper/results', RESULTS_QOS),
-    ],
-)
-def test_rosbag2_gets_all_that_a_latched_topic_keeps(topic: str, published: QoSProfile) -> None:
-    listens = overrides()[topic]
-    compatible, reason = qos_check_compatible(published, listens)
-    assert compatible is not QoSCompatibility.ERROR, reason
-    assert listens.durability is published.durability
-    assert listens.depth >= published.depth
+    latched = {
+        '/rcs/race': RACE_QOS,
+        '/rcs/events': EVENTS_QOS,
+        '/rcs/timekeeper/results': RESULTS_QOS,
+    }
+    assert recorded.latched - {'/rosout'} == overrides().keys() == latched.keys()
+    for topic, published in latched.items():
+        listens = overrides()[topic]
+        compatible, reason = qos_check_compatible(published, listens)
+        assert compatible is not QoSCompatibility.ERROR, reason
+        assert listens.durability is published.durability
+        assert listens.depth >= published.depth

@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import json
-import multiprocessing
 import os
 import pathlib
 import random
@@ -23,9 +22,9 @@ from evgp_node.stream_file import open_for_writing, WRITE_BLOCK
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.rcs_record import WAYS
 from evgp_rcs.record.runs import DONE, FAILED, PARTLY, UNREADABLE
-from evgp_rcs.record.store import default_path, Record, rules_version
+from evgp_rcs.record.store import default_path
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.inputs import Attended, Batch, decode, encode, Rules, Shown
+from evgp_rcs.rules.inputs import Attended, decode, encode, Rules, Shown
 from evgp_rcs.rules.race import Attendance
 import pytest
 from recorded_races import change_event, PaperRace, Running, SETUP
@@ -365,32 +364,7 @@ def test_a_name_that_no_message_can_hold_is_damage(way: str, path: pathlib.Path)
     assert rcs_record(arguments_of(way, path)) != DONE
 
 
-# ----- a record that is being written, a crash, a clock that was set --------------------------
-
-
-def write_and_die(path: pathlib.Path) -> None:
-    """Write a race into a record and die without a word."""
-    paper = PaperRace({7: 'Purdue', 8: 'Michigan'})
-    paper.connect(7, 8)
-    paper.drive()
-    paper.command(CommandKind.KART_FINISH, 7)
-    record = Record(path)
-    record.put(Batch(0, [Rules(rules_version(), paper.setup)]))
-    record.put(paper.log.take())
-    record.remember(paper.race.memory())
-    os._exit(0 if record.write() else 1)
-
-
-@pytest.mark.parametrize('way', WAYS)
-def test_a_record_of_a_crash_is_read_to_its_end(
-    way: str, path: pathlib.Path, capsys: Capture
-) -> None:
-    writer = multiprocessing.get_context('fork').Process(target=write_and_die, args=(path,))
-    writer.start()
-    writer.join(60.0)
-    assert writer.exitcode == 0
-    assert rcs_record(arguments_of(way, path)) == DONE
-    assert capsys.readouterr().out
+# ----- a clock that was set -------------------------------------------------------------------
 
 
 def test_with_a_clock_that_was_set_back_the_order_and_the_time_to_the_finish_are_right(
