@@ -31,11 +31,13 @@ from evgp_node.roster import Format
 from evgp_node.stream import Began
 from evgp_node.stream_file import BOOK
 from evgp_protocol.clock import duration
+from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.report import wording
 from evgp_rcs.record.report.drawing import drawing, NAMES, WIDTH
 from evgp_rcs.record.report.model import (
     Account,
+    NO_GRADE,
     NOT_CONNECTED,
     NOT_KNOWN,
     Result,
@@ -255,6 +257,7 @@ def test_where_the_rules_cannot_follow_the_events_are_listed_and_nothing_else_is
     paper: PaperRace, tmp_path: pathlib.Path, what: str
 ) -> None:
     paper.drive()
+    paper.measure(7, Grade.GOOD)
     paper.wait(10.0)
     paper.command(CommandKind.KART_RED_FLAG, 7)
     paper.lose(9)
@@ -275,6 +278,7 @@ def test_where_the_rules_cannot_follow_the_events_are_listed_and_nothing_else_is
     with open_runs(path) as runs:
         account = Account(runs.read(runs.choose(None)))
     assert [band.what for band in account.lanes[7].bands][-2:] == [RED_FLAG, NOT_KNOWN]
+    assert [link.what for link in account.lanes[7].links][-2:] == ['GOOD', NO_GRADE]
     assert account.race_bands[-1].what == NOT_KNOWN
     (race,) = account.races
     assert race.incomplete
@@ -320,6 +324,7 @@ def test_a_connection_that_ends_with_race_control_was_not_lost(paper: PaperRace)
     assert list(map(named, account.races[0].incidents)) == ['RED_FLAG']
     (stop,) = stops(account)
     assert {(each.then, each.is_silent) for each in stop.told} == {('', True)}
+    assert {lane.bands[-1].what for lane in account.lanes.values()} == {RED_RED}
     looks = {shape.look for shape in drawing(account, (0.0, account.length), Clock(0), '').shapes}
     assert 'mark DELIVERED' in looks
     assert 'mark DISCONNECTED' not in looks
