@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import dataclasses
 import enum
 import functools
@@ -15,10 +15,11 @@ import pathlib
 import random
 from typing import Any, get_args, get_type_hints
 
+from evgp_node.stream import Gap
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main
 from evgp_rcs.record.replay import OF_THE_SERVER, Replay
-from evgp_rcs.record.runs import DONE, UNREADABLE
+from evgp_rcs.record.runs import DONE, Kept, UNREADABLE
 from evgp_rcs.record.store import rules_version
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules import race as rules
@@ -152,6 +153,16 @@ HARMS: dict[str, tuple[Fits, Callable[[Any], list[Any]]]] = {
 }
 
 
+@dataclasses.dataclass(frozen=True)
+class Listed(Kept):
+    """A stream that is not encoded, which would take most of the time."""
+
+    listed: Sequence[Entry]
+
+    def entries(self) -> Iterator[Entry | Gap]:
+        return iter(self.listed)
+
+
 @pytest.mark.parametrize('seed', range(2))
 @pytest.mark.parametrize('harm', HARMS)
 def test_what_was_changed_is_found_and_named_with_its_time(harm: str, seed: int) -> None:
@@ -160,7 +171,7 @@ def test_what_was_changed_is_found_and_named_with_its_time(harm: str, seed: int)
     pairs = enumerate(itertools.pairwise([*entries, None]))
     place = random.Random(seed).choice([place for place, pair in pairs if fits(*pair)])
     entries = [*entries[:place], *change(entries[place]), *entries[place:][1:]]
-    replay = Replay(kept(entries))
+    replay = Replay(Listed(kept(entries[:1]).run, [], entries))
     # From the difference on nothing is known but what the stream says, and it is all said.
     told = [event for step in replay.steps() for event in step.events]
     assert told == [each for each in entries if isinstance(each, StampedEvent)]
