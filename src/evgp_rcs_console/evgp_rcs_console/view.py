@@ -321,7 +321,9 @@ class Screen:
         """Return the results, first place first; without timing, the order of FINISH."""
         shown = self.shown_results
         if shown is not None:
-            name, placed = texts.RESULTS, [(each.place, each.kart) for each in shown.karts]
+            # In the garage and on the grid, they may be those of another heat.
+            name = ' of '.join(filter(None, (texts.RESULTS, shown.heat)))
+            placed = [(each.place, each.kart) for each in shown.karts]
         else:
             name = texts.ORDER_OF_FINISH
             placed = [(each.place, each.number) for each in self.snapshot.karts]

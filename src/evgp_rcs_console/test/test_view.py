@@ -460,11 +460,12 @@ def test_places_are_the_timekeepers_and_without_timing_the_order_of_finish_by_th
         assert screen.places == said[0]
 
 
-def test_the_last_results_are_shown_until_the_next_race_is_green_and_never_in_it() -> None:
-    last = timing(run='earlier', karts=(driven(7, 6),))
+def test_the_last_results_are_shown_with_their_heat_until_the_next_race_is_green() -> None:
+    last = timing(run='earlier', heat='Heat 1', karts=(driven(7, 6)._replace(place=1),))
 
     for state in RaceState:
-        assert bool(screen_of(last, state=state).places) is (state is not GREEN_GREEN)
+        said = '' if state is GREEN_GREEN else 'Results of Heat 1: 1. kart 7'
+        assert screen_of(last, state=state, heat='Heat 2').places == said
 
 
 # ----- race control that is gone or fails -----------------------------------------------------
