@@ -193,6 +193,7 @@ def test_more_viewers_than_there_is_room_for_are_told_so(
         assert next(messages(other))
         assert board.get('/live/board').startswith('HTTP/1.1 503')
     # Who has gone makes room.
+    monkeypatch.setattr(server, 'SLOW_VIEWER', 0.5)
     board.wait_until(lambda: board.begins('/live/board').startswith('HTTP/1.1 200'))
 
 
