@@ -150,8 +150,6 @@ def test_a_race_reaches_the_stack_and_its_acknowledgements_the_official(
     race.team.wait_for_stop(True)
     lamp = race.team.hear(ColorRGBA, '/kart_bridge/lamp', latched(1))
     plain = race.team.hear(String, '/kart_bridge/state')
-    (publisher,) = race.team.node.get_publishers_info_by_topic('/kart_bridge/state')
-    assert publisher.qos_profile.durability is DurabilityPolicy.VOLATILE
 
     def wait_for_lamp(colour: tuple[float, float, float]) -> None:
         race.team.wait_until(
@@ -163,6 +161,8 @@ def test_a_race_reaches_the_stack_and_its_acknowledgements_the_official(
     wait_for_lamp(YELLOW)
     race.green()
     race.team.wait_until(lambda: plain[-1].data == 'GREEN_GREEN', lambda: f'it; {plain[-1]}')
+    (publisher,) = race.team.node.get_publishers_info_by_topic('/kart_bridge/state')
+    assert publisher.qos_profile.durability is DurabilityPolicy.VOLATILE
     plain.clear()
     race.team.wait_until(lambda: len(plain) > 9, lambda: 'more, though nothing changes')
     assert {each.data for each in plain} == {'GREEN_GREEN'}

@@ -210,9 +210,12 @@ def test_the_bridge_is_there_comes_back_and_ends_in_order(
     launched = launch('evgp_kart_bridge', 'kart_bridge.launch.py', odom='/odom', **on_a_kart)
     team = parts.enter_context(Team(domain))
     first = team.wait_for_state(RaceState.IN_GARAGE)
-    assert team.node.count_subscribers('/odom') == 1
-    offered = {name for name, _ in team.node.get_service_names_and_types()}
-    assert {'/kart_bridge/acknowledge', '/kart_bridge/team_stop'} <= offered
+    team.wait_until_polled(lambda: team.node.count_subscribers('/odom') == 1, 'to hear odometry')
+    wanted = {'/kart_bridge/acknowledge', '/kart_bridge/team_stop'}
+    team.wait_until_polled(
+        lambda: wanted <= {name for name, _ in team.node.get_service_names_and_types()},
+        'every service of the bridge',
+    )
 
     os.kill(launched.started(), signal.SIGKILL)
     team.wait_for(lambda told: told.order not in (0, first.order), 'the bridge again')
