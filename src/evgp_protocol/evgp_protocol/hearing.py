@@ -1,3 +1,6 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Determines which order each reply of a kart answers, on one connection.
 
@@ -57,39 +60,65 @@ connection helps.
 Nothing counts during a flood, nor for `DEAF` after it. The age of bytes that a flood has queued is
 unknown, because a kart that sends faster than it is read has more bytes waiting on its own side.
 """
+
 from __future__ import annotations
+
 from collections import deque
 from dataclasses import dataclass
 import math
+
 from evgp_protocol.frames import FrameDecoder, MalformedFrame, StateFrame
 from evgp_protocol.states import RaceState
+
 FLOOD_BYTES = 4096
-'Minimum number of bytes that count as a flood if they arrive in one beat; the rest is read in\nthe next beat. A kart sends at most about 15 bytes a beat.'
+"""Minimum number of bytes that count as a flood if they arrive in one beat; the rest is read in
+the next beat. A kart sends at most about 15 bytes a beat."""
+
 FLOOD = 2.0
-'Maximum duration of a flood, in seconds, after which race control drops the kart.'
+"""Maximum duration of a flood, in seconds, after which race control drops the kart."""
+
 DEAF = 1.0
-'Time after a flood during which no reply counts, in seconds. A flood that resumes within this\ntime counts as the same flood.'
+"""Time after a flood during which no reply counts, in seconds. A flood that resumes within this
+time counts as the same flood."""
+
 QUIET = 2.0
-'Silence after which a kart has read what its TCP had answered, in seconds. A kart reads\nsomething every second, or drops its connection; its replies have another second to arrive.'
+"""Silence after which a kart has read what its TCP had answered, in seconds. A kart reads
+something every second, or drops its connection; its replies have another second to arrive."""
+
 ONCE = 1.5
-'Minimum time between two replies that shows that a kart does not echo every frame, in seconds.\nA kart that echoes sends a reply each beat, or after one second in which it reads nothing.'
+"""Minimum time between two replies that shows that a kart does not echo every frame, in seconds.
+A kart that echoes sends a reply each beat, or after one second in which it reads nothing."""
+
 ECHOES = 24
-'Minimum number of replies to one order from a kart that counts as echoing every frame, if it\nsends no more replies than it is sent frames.'
+"""Minimum number of replies to one order from a kart that counts as echoing every frame, if it
+sends no more replies than it is sent frames."""
+
 SLOWEST = 8.0
-'Minimum rate at which a kart reads frames, in Hz. Only the inspection finds a slower one.'
+"""Minimum rate at which a kart reads frames, in Hz. Only the inspection finds a slower one."""
+
 SELDOM = 5.0
-'Rate of replies below which a kart does not echo every frame, in Hz. A kart that echoes reads at\nleast at `SLOWEST`, except that it may read nothing for a second.'
+"""Rate of replies below which a kart does not echo every frame, in Hz. A kart that echoes reads at
+least at `SLOWEST`, except that it may read nothing for a second."""
+
 PACE_WINDOW = 4.0
-'Time over which the replies of a kart that echoes every frame are compared with the frames that\nit is sent, in seconds. Two consecutive windows with too few replies mean that it reads late.'
+"""Time over which the replies of a kart that echoes every frame are compared with the frames that
+it is sent, in seconds. Two consecutive windows with too few replies mean that it reads late."""
+
 PACE = 0.95
-'Minimum share of frames that come back from a kart that echoes every frame and reads in time.'
+"""Minimum share of frames that come back from a kart that echoes every frame and reads in time."""
+
 NO_ORDER = 0
-'Serial of a reply that answers no order; orders count from 1.'
+"""Serial of a reply that answers no order; orders count from 1."""
+
 _TOO_OLD = -1
-'Used as the place at which a frame from a flood began; it precedes every `answers_from`.'
+"""Used as the place at which a frame from a flood began; it precedes every `answers_from`."""
+
 BUSY = 0.3
-'Time without a reply after which a kart that echoes every frame counts as busy, or as having\nnothing to report, rather than as slow, in seconds.'
+"""Time without a reply after which a kart that echoes every frame counts as busy, or as having
+nothing to report, rather than as slow, in seconds."""
+
 Heard = StateFrame | MalformedFrame
+
 
 @dataclass
 class _Order:
@@ -104,6 +133,7 @@ class _Order:
     :ivar replies: number of replies that answered it.
     :ivar said_in: the beat of the last of these replies.
     """
+
     serial: int
     state: RaceState
     end: int
@@ -112,6 +142,7 @@ class _Order:
     answered_in: int | None = None
     replies: int = 0
     said_in: int = 0
+
 
 class _Pace:
     """
@@ -125,12 +156,14 @@ class _Pace:
     def __init__(self, beat_rate: float) -> None:
         self._beat_rate = beat_rate
         self._window = math.ceil(PACE_WINDOW * beat_rate)
+        # Whether the kart has replied to the last order, and the counts since then in a window:
         self._has_replied = False
         self._frames_of_order = self._replies_of_order = 0
         self._frames = self._replies = 0
+        # Frames since its last reply, as long as it may still be carrying out the last order.
         self._unsaid = 0
-        self._slow = 0
-        self._lost = 0
+        self._slow = 0  # consecutive windows with too few replies
+        self._lost = 0  # frames sent but not echoed
         self.replies_seldom = False
 
     @property
@@ -164,6 +197,7 @@ class _Pace:
             reply to it.
         """
         if after is not None:
+            # A slow kart may have left the order unread for all of that time.
             self._lost = after if self._slow > 1 else min(self._lost, after)
             if self._lost < 3:
                 self._lost = self._slow = 0
@@ -176,11 +210,11 @@ class _Pace:
 
     def said_before(self) -> None:
         """Record a reply to an earlier order than the last, which the kart has not reached yet."""
-        if self._unsaid < BUSY * self._beat_rate:
+        if self._unsaid < BUSY * self._beat_rate:  # longer: it was silent for a reason
             self._frames += self._unsaid
             self._replies += 1
         self._unsaid = 0
-        pass
+        self._judge()
 
     def _judge(self) -> None:
         """At the end of a window, compare its replies with its frames."""
@@ -195,6 +229,7 @@ class _Pace:
             self._slow += 1
         self._frames = self._replies = 0
 
+
 class Hearing:
     """
     Receives everything that one kart sends on one connection.
@@ -206,15 +241,25 @@ class Hearing:
 
     def __init__(self, beat_rate: float) -> None:
         self._decoder = FrameDecoder(ready_is_grid_active=True)
+        # The order that the kart's replies have reached, and all later ones.
         self._orders: deque[_Order] = deque()
+        # Whether the kart acknowledged the last IN_GARAGE that it is known to have read.
         self._acknowledges_garage = False
+        # Whether it has sent more replies to an order than it was sent frames.
         self._outruns = False
+        # Whether it has sent a state that none of these orders asks for.
         self._is_late = False
+        # Even at `SLOWEST`, the kart has read the frames up to this beat.
         self._slowest = 0.0
+        # A reply that is for a later order if nothing follows it, with its place; and the replies
+        # that turned out to be for a later order.
         self._alone: tuple[StateFrame, int] | None = None
         self._settled: list[tuple[StateFrame, int]] = []
+        # Places in the stream from the kart: up to which it was read, and up to which it was read
+        # while nothing counted.
         self._read = 0
         self._deaf_to = 0
+        # Times are in beats: while race control is stalled, it reads nothing either.
         self._beats = 0
         self._heard_in = 0
         self._beat_rate = beat_rate
@@ -256,8 +301,8 @@ class Hearing:
         beats = self._pause_beats + 1
         if len(self._orders) < 2:
             return beats / self._beat_rate
-        first, last = (self._orders[0], self._orders[-1])
-        if first.state is last.state and first.replies > 1 and (self._alone is None):
+        first, last = self._orders[0], self._orders[-1]
+        if first.state is last.state and first.replies > 1 and self._alone is None:
             answered_in = self._orders[1].answered_in
             if answered_in is not None:
                 beats = max(beats - self._beats + answered_in, 1)
@@ -269,7 +314,7 @@ class Hearing:
 
     def settled(self) -> list[tuple[StateFrame, int]]:
         """Return the replies that, since the last call, turned out to be for a later order."""
-        settled, self._settled = (self._settled, [])
+        settled, self._settled = self._settled, []
         return settled
 
     def sent_again(self) -> None:
@@ -360,9 +405,13 @@ class Hearing:
         self._alone = None
         if self._deaf_beats or not isinstance(heard, StateFrame):
             return NO_ORDER
-        asked = any((order.state is heard.state for order in self._orders))
-        self._is_late |= not asked and heard.state is not RaceState.IN_GARAGE
-        can = [passed for passed, order in enumerate(self._orders) if order.state is heard.state and order.answers_from <= place]
+        asked = any(order.state is heard.state for order in self._orders)
+        self._is_late |= not asked and heard.state is not RaceState.IN_GARAGE  # it may greet
+        can = [
+            passed
+            for passed, order in enumerate(self._orders)
+            if order.state is heard.state and order.answers_from <= place
+        ]
         if not can:
             self._pace.said_before()
             return NO_ORDER
@@ -384,7 +433,7 @@ class Hearing:
             if order.state is not RaceState.IN_GARAGE:
                 self._outruns |= order.replies > self._frames_of_first()
         elif once:
-            self._alone = (heard, place)
+            self._alone = heard, place
         return order.serial
 
     def _pass(self) -> None:
@@ -395,7 +444,7 @@ class Hearing:
 
     def _has_read_on(self) -> bool:
         """Return whether the kart is known to have read the second order without a reply to it."""
-        first, second = (self._orders[0], self._orders[1])
+        first, second = self._orders[0], self._orders[1]
         if second.answered_in is None or self._beats - second.answered_in <= self._pause_beats:
             return False
         if self._silent_for() > self._pause_beats:
@@ -403,13 +452,13 @@ class Hearing:
             return first.replies > 0 or not (self._acknowledges_garage or late)
         if self._reads_all:
             return first.replies > 0
-        counted = first.state is not RaceState.IN_GARAGE and (not self._outruns)
+        counted = first.state is not RaceState.IN_GARAGE and not self._outruns
         return counted and first.replies >= max(ECHOES, self._frames_of_first())
 
     @property
     def _reads_all(self) -> bool:
         """Return whether the kart's replies so far show that it reads everything at once."""
-        return self._pace.replies_seldom and (not self._is_late)
+        return self._pace.replies_seldom and not self._is_late
 
     def _frames_of_first(self) -> int:
         """Return an upper bound of the number of frames of the first order that were sent."""
