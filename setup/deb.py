@@ -45,7 +45,7 @@ MENU = {
 }
 """Menu entries: name, comment, and whether the program runs in a terminal."""
 
-NEEDED = """argcomplete jinja2 mcap pyside6-essentials pyyaml rich
+NEEDED = """argcomplete jinja2 mcap pyside6-essentials pyyaml
 ros-jazzy-common-interfaces ros-jazzy-rcl-interfaces ros-jazzy-rclpy ros-jazzy-rmw-fastrtps-cpp"""
 """The distributions in setup/*.in that run here; their requirements come along."""
 

@@ -19,6 +19,7 @@ import pathlib
 import signal
 import sys
 import tempfile
+import textwrap
 import time
 from typing import NamedTuple
 
@@ -37,9 +38,6 @@ from evgp_testing.process import started
 from evgp_testing.usage import family
 from evgp_testing.wire_kart import WireKart
 from evgp_testing.witness import Witness
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 PLAN = Plan(
     Track(((0.0, 0.0), (16.0, 0.0), (16.0, 9.0), (0.0, 9.0))),
@@ -70,6 +68,15 @@ class Finding(NamedTuple):
     text: str
 
 
+def put(text: str, indent: int = 0) -> None:
+    """Print a line, wrapped; its further lines are indented."""
+    print(textwrap.fill(text, WIDTH, subsequent_indent=' ' * indent), flush=True)
+
+
+def put_title(text: str) -> None:
+    print(f'--- {text} '.ljust(WIDTH, '-'), flush=True)
+
+
 class Show:
     """
     The rehearsal, its official, and the printed output.
@@ -79,8 +86,8 @@ class Show:
     :ivar found: what happened, and what did not.
     """
 
-    def __init__(self, console: Console, rehearsal: Rehearsal) -> None:
-        self.console, self.rehearsal, self.official = console, rehearsal, rehearsal.official
+    def __init__(self, rehearsal: Rehearsal) -> None:
+        self.rehearsal, self.official = rehearsal, rehearsal.official
         self.official.timeout = TIMEOUT
         self.teams: dict[int, Team] = {}
         self.found: list[Finding] = []
@@ -149,7 +156,7 @@ class Show:
 
     def play(self, title: str, drive: Callable[[], None]) -> bool:
         """Show a race and return whether it reached its end."""
-        self.console.rule(f'{BANNER}: {title}', style='bold')
+        put_title(f'{BANNER}: {title}')
         try:
             drive()
         except AssertionError as error:
@@ -162,18 +169,16 @@ class Show:
     def judge(self, around: Sequence[Finding]) -> list[Finding]:
         """Print all findings and return them."""
         lines = [line for each in self.rehearsal.debriefs() for line in each]
-        self.console.rule('debrief', style='bold')
+        put_title('debrief')
+        for line in lines:
+            put(line, 14)
         text = '\n'.join(lines)
-        self.console.print(Text(text))
         stood = 'sent ALL_KILL' in text and 'is still moving' not in text
         ends = Finding(stood, 'the debrief shows ALL_KILL, and every kart stopped after it')
         found = [*self.found, ends, *around]
-        grid = Table.grid(padding=(0, 2))
+        put_title('findings')
         for each in found:
-            word = Text('ok', style='green') if each.good else Text('MISSING', style='bold red')
-            grid.add_row(word, Text(each.text))
-        self.console.rule('findings', style='bold')
-        self.console.print(grid)
+            put(f'{"ok" if each.good else "MISSING":9}{each.text}', 9)
         return found
 
     def _side(self, kart: int) -> Team | WireKart | None:
@@ -203,7 +208,7 @@ class Show:
         """Print an event."""
         at = seconds_of(event.monotonic) - self._began
         bad = event.kind == msg.RaceEvent.ALERT_RAISED or not event.success
-        self.console.print(Text(f'{at:7.3f}  {event.text}', 'bold red' if bad else ''))
+        put(f'{at:7.3f} {"!" if bad else " "} {event.text}', 10)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -222,28 +227,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # background would ignore SIGINT.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
-    console = Console(highlight=False)
-    width = min(WIDTH, console.width) if console.is_terminal else WIDTH
-    console = Console(highlight=False, width=width)
     began = clock.now()
     try:
-        found = _show(console)
+        found = _show()
     except KeyboardInterrupt:
-        console.print('Interrupted')
+        print('Interrupted')
         return 130
     missing = sum(not each.good for each in found)
     verdict = f'{missing} of {len(found)} findings MISSING' if missing else 'Nothing is missing'
-    console.rule(f'{verdict}; {clock.now() - began:.1f} s', style='bold')
+    put_title(f'{verdict}; {clock.now() - began:.1f} s')
     return 1 if missing else 0
 
 
-def _show(console: Console) -> list[Finding]:
+def _show() -> list[Finding]:
     wire = Witness()
     with contextlib.ExitStack() as stack:
         folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
         with contextlib.ExitStack() as running:
             rehearsal = running.enter_context(Rehearsal(PLAN, folder, len(BRIDGED), witness=wire))
-            show = Show(console, rehearsal)
+            show = Show(rehearsal)
             for kart in BRIDGED:
                 team = Team(rehearsal.domains[kart], f'team_{kart}')
                 show.teams[kart] = running.enter_context(team)
@@ -271,7 +273,7 @@ def _show(console: Console) -> list[Finding]:
         )
         for each in started:
             if each.wait():
-                console.print(Text('\n'.join([f'{each.name} said last:', *each.lines[-8:]])))
+                print(f'{each.name} said last:', *each.lines[-8:], sep='\n')
         return found
 
 

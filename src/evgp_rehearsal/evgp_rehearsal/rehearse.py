@@ -24,8 +24,6 @@ from evgp_rehearsal.event import BANNER, Rehearsal
 from evgp_rehearsal.incidents import INCIDENTS, script_of
 from evgp_rehearsal.page import Page
 from evgp_rehearsal.plan import Plan
-from rich.console import Console
-from rich.text import Text
 
 MOST_KARTS = 60
 """Maximum number of karts in a rehearsal."""
@@ -66,7 +64,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     if not 1 <= given.karts <= MOST_KARTS:
         parser.error(f'--karts must be from 1 to {MOST_KARTS}')
-    console = Console(highlight=False)
     plan = Plan(karts=given.karts, seed=given.seed, script=script_of(given.incident))
     try:
         if given.debrief is not None:
@@ -76,52 +73,50 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     with tempfile.TemporaryDirectory() as folder:
-        return _train(console, plan, pathlib.Path(folder), given)
+        return _train(plan, pathlib.Path(folder), given)
 
 
-def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.Namespace) -> int:
+def _train(plan: Plan, folder: pathlib.Path, given: argparse.Namespace) -> int:
     screen = not given.no_window and any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY')))
     with contextlib.ExitStack() as stack:
         rehearsal = stack.enter_context(Rehearsal(plan, folder, window=screen))
         page = stack.enter_context(Page(rehearsal))
-        console.rule(BANNER, style='bold magenta')
+        print(f'--- {BANNER}')
         opened = screen and webbrowser.open(page.url)
         where = '' if opened else ' (open it on this machine to begin incidents)'
-        console.print(f'Instructor: {page.url}{where}')
+        print(f'Instructor: {page.url}{where}')
         if screen:
-            console.print("Official: the officials' window opens on this screen, if it can.")
+            print("Official: the officials' window opens on this screen, if it can.")
         with contextlib.suppress(KeyboardInterrupt):
             rehearsal.gather()
-            _explain(console, rehearsal)
+            _explain(rehearsal)
             for number in itertools.count():
                 rehearsal.wait_for_end(number)
-                _show(console, rehearsal.debriefs()[number])
+                _show(rehearsal.debriefs()[number])
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C would lose the debriefs
         none = "No incident began. Begin one on the instructor's page, or with --incident spin."
         lines = [line for each in rehearsal.debriefs() for line in each] or [none]
-        _show(console, lines)
+        _show(lines)
         if given.debrief is not None:
             given.debrief.write_text('\n'.join([*lines, '']), encoding='utf-8')
     return 0
 
 
-def _explain(console: Console, rehearsal: Rehearsal) -> None:
+def _explain(rehearsal: Rehearsal) -> None:
     """Print how to command the race from a terminal."""
     ctl = os.environ.get('EVGP_CTL', 'make ctl ARGS="%s"')
-    console.print('Official, in a terminal, to see the race, start it and stop it:')
+    print('Official, in a terminal, to see the race, start it and stop it:')
     karts = ' '.join(map(str, rehearsal.plan.numbers))
     start = f'grid-active {karts} --track-is-clear', f'green-green {karts}'
     for words in ('watch', *start, 'all-kill'):
-        line = f'  ROS_DOMAIN_ID={rehearsal.domain} {ctl.replace("%s", words)}'
-        console.print(line, soft_wrap=True)  # one line, for copying
-    console.print('If the laptop dies (laptop_dies), take over as in docs/race-day.md:')
-    console.print(f'  {rehearsal.drill}', soft_wrap=True)
-    console.print('Ctrl-C ends the rehearsal and shows the debriefs.')
+        print(f'  ROS_DOMAIN_ID={rehearsal.domain} {ctl.replace("%s", words)}')
+    print('If the laptop dies (laptop_dies), take over as in docs/race-day.md:')
+    print(f'  {rehearsal.drill}')
+    print('Ctrl-C ends the rehearsal and shows the debriefs.', flush=True)
 
 
-def _show(console: Console, lines: Sequence[str]) -> None:
-    console.rule(f'{BANNER}: debrief')
-    console.print(Text('\n'.join(lines)), soft_wrap=True)
+def _show(lines: Sequence[str]) -> None:
+    print(f'--- {BANNER}: debrief', *lines, sep='\n', flush=True)
 
 
 if __name__ == '__main__':
