@@ -280,7 +280,7 @@ def main() -> int:
     with contextlib.ExitStack() as parts:
         folder = pathlib.Path(parts.enter_context(tempfile.TemporaryDirectory()))
         official, line = begin(parts, folder, given.laps, shlex.split(given.stack))
-        parts.enter_context(official.telling(print_event))
+        official.tell_each(print_event)
         results = drive(official, given.laps)
     given.picture.parent.mkdir(parents=True, exist_ok=True)
     picture = draw(line.track, line.looks, TEAMS, TURN * LOOKS)

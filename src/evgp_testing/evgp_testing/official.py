@@ -5,8 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-import contextlib
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 import threading
 import time
@@ -105,7 +104,6 @@ class Official(RosSide):
         self.race: msg.Race | None = None
         self.results: msg.Results | None = None
         self.events: list[msg.RaceEvent] = []
-        self._tell: Callable[[msg.RaceEvent], object] = _tell_nobody
         self._clients = {
             # With the usual depth of 10, the last answers of a burst would push out the first.
             service: self.node.create_client(
@@ -297,17 +295,14 @@ class Official(RosSide):
         for number in numbers:
             self.wait_for_kart(number, lambda kart: kart.connected, 'connected')
 
-    @contextlib.contextmanager
-    def telling(self, tell: Callable[[msg.RaceEvent], object]) -> Iterator[None]:
-        """Pass on each event once and in order, first those already received, then new ones."""
-        with self.news:
-            for event in self.events:
+    def tell_each(self, tell: Callable[[msg.RaceEvent], object]) -> None:
+        """From now on, call a function with each event, first with those that came before."""
+
+        def pass_on(message: msg.RaceEvents) -> None:
+            for event in message.events:
                 tell(event)
-            self._tell = tell
-        try:
-            yield
-        finally:
-            self._tell = _tell_nobody
+
+        self.node.create_subscription(msg.RaceEvents, '/rcs/events', pass_on, latched(200))
 
     def _close_track(self) -> None:
         """Close the track if it is open, because GRID_ACTIVE needs a closed track."""
@@ -318,11 +313,4 @@ class Official(RosSide):
     def _hear_events(self, message: msg.RaceEvents) -> None:
         with self.news:
             self.events += message.events
-            tell = self._tell
             self.news.notify_all()
-        for event in message.events:
-            tell(event)
-
-
-def _tell_nobody(event: msg.RaceEvent) -> None:
-    pass
