@@ -388,6 +388,21 @@ def test_a_stop_that_lies_unread_is_judged_before_what_a_kart_says(run: Run) -> 
     assert not running.race.karts[1].acknowledged
 
 
+def test_a_stop_that_lies_unread_is_judged_before_the_race_is_shown(run: Run) -> None:
+    running = run(NO_BEAT)
+    stopped: list[concurrent.futures.Future[Answer]] = []
+
+    def stop(event: Event) -> None:
+        # In the server's own thread: what was published is shown next, and nothing else wakes it.
+        if event.command is CommandKind.CLOSE_TRACK:
+            stopped.append(running.submit(Command(CommandKind.ALL_KILL), wakes=False))
+
+    running.on_event = stop
+    running.give(CommandKind.CLOSE_TRACK)
+    running.wait_for(EventKind.RACE_STATE)
+    assert stopped[0].result(TIMEOUT).success
+
+
 def test_a_kart_that_goes_on_flooding_is_dropped(run: Run) -> None:
     running = run(beat_rate=12.0)
     client = running.connect(1)

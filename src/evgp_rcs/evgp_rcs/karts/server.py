@@ -434,6 +434,7 @@ class KartServer:
 
     def _show(self) -> None:
         """Send a snapshot, unless earlier messages are still waiting for the ROS half."""
+        self.take_commands()
         self._showing = False
         now = self._shown_at = self.now()
         self._note_record_trouble(now)
