@@ -116,6 +116,7 @@ class OneInspection:
     steps: Collection[str] = ()
     long_after: float = 1.8
     eyes: bool = False
+    told: list[str] = dataclasses.field(default_factory=list)
     kart: Kart | None = None
     driving: asyncio.Event = dataclasses.field(default_factory=asyncio.Event)
     stopping: asyncio.Event = dataclasses.field(default_factory=asyncio.Event)
@@ -141,7 +142,7 @@ class OneInspection:
             self._end_kart()
 
     def tell(self, line: str) -> None:
-        pass
+        self.told.append(line)
 
     async def ask(self, question: str, seconds: float) -> bool | None:
         assert self.kart is not None
@@ -230,6 +231,12 @@ def test_a_fault_is_found_by_the_sentence_that_it_breaks(
 def test_a_kart_that_moves_while_race_control_is_away_is_inspected_to_the_end() -> None:
     fault = 'drives off long after race control went away'
     assert OneInspection(fault, only='K-3E-06').inspect().finished
+
+
+def test_a_kart_that_does_not_connect_again_ends_the_inspection_with_a_warning() -> None:
+    one = OneInspection('FIN ends it', only='K-4D-01,K-4D-02')
+    assert not one.inspect().finished
+    assert any('not connected again' in line and 'USE THE MSR' in line for line in one.told)
 
 
 def test_a_race_only_judges_what_a_race_shows() -> None:
