@@ -142,6 +142,12 @@ def test_a_stop_that_was_pressed_without_a_link_stops_its_race_with_its_age_and_
     console.wait_for('all_kill', pressing='false')
 
     race.bring_to(GREEN_GREEN)
+    with officials.desk() as desk:
+        desk.air(1.0)
+        ctl = start_rcs_ctl(officials.domain, 'all-kill', '--wait', '300')
+    parts.enter_context(ctl)
+    parts.callback(ctl.kill)
+    # It presses while the others start.
     button, _ = officials.button('Bea')
     held, at_held = officials.button('Carla')
     later, at_later = officials.button('Dan')
@@ -151,41 +157,33 @@ def test_a_stop_that_was_pressed_without_a_link_stops_its_race_with_its_age_and_
     button.move(True)
     button.move(False)
     held.move(True)
-    with officials.desk() as desk:
-        desk.air(1.0)
-        ctl = start_rcs_ctl(officials.domain, 'all-kill', '--wait', '300')
-    with ctl:
-        try:
-            console.wait_for('all_kill', pressing='true')
-            # From 5 s after the press on, a race that begins is certainly another one.
-            console.wait_for('kill_hint', text='SENT 1[4-9] times')
-            race.bring_to(RED_RED)
-            race.bring_to(GREEN_GREEN)
-            later.move(True)
-            later.move(False)
-            officials.wait_until_forgotten('rcs_gui', 'rcs_button_calls')
-            # Here too, where race control was heard last up to 3 s later: 35 s after the press.
-            # Until then DDS itself may deliver a press that was made without a link.
-            console.wait_for('kill_hint', text='SENT 7[0-9] times')
-            before = officials.killers()
-            for desk in officials.desks:
-                if desk not in (at_held, at_later):
-                    desk.air()
+    console.wait_for('all_kill', pressing='true')
+    # From 5 s after the press on, a race that begins is certainly another one.
+    console.wait_for('kill_hint', text='SENT 1[4-9] times')
+    race.bring_to(RED_RED)
+    race.bring_to(GREEN_GREEN)
+    later.move(True)
+    later.move(False)
+    officials.wait_until_forgotten('rcs_gui', 'rcs_button_calls')
+    # Here too, where race control was heard last up to 3 s later: 35 s after the press.
+    # Until then DDS itself may deliver a press that was made without a link.
+    console.wait_for('kill_hint', text='SENT 7[0-9] times')
+    before = officials.killers()
+    for desk in officials.desks:
+        if desk not in (at_held, at_later):
+            desk.air()
 
-            # First: it says so for 5 s, and the window may take longer to be found again.
-            official.wait_for_race(
-                lambda each: 'Bea (button): The ALL KILL' in each.button_fault, 'what it says'
-            )
-            console.wait_for('all_kill', pressing='false')
-            # There may be room for one alert only, and the one about a button may be newer.
-            banner = console.wait_for('banner', text=rf'{OWN}|\(button\)')
-            if not re.search(OWN, banner['text']):
-                console.key('F10')
-                console.wait_for('banner', text=OWN)
-            button.program.wait_for_line(r'ALL KILL pressed \d+ s ago is no longer being sent')
-            stdout, stderr = ctl.communicate(timeout=PATIENCE)
-        finally:
-            ctl.kill()
+    # First: it says so for 5 s, and the window may take longer to be found again.
+    official.wait_for_race(
+        lambda each: 'Bea (button): The ALL KILL' in each.button_fault, 'what it says'
+    )
+    console.wait_for('all_kill', pressing='false')
+    # There may be room for one alert only, and the one about a button may be newer.
+    banner = console.wait_for('banner', text=rf'{OWN}|\(button\)')
+    if not re.search(OWN, banner['text']):
+        console.press('F10', see='banner', text=OWN)
+    button.program.wait_for_line(r'ALL KILL pressed \d+ s ago is no longer being sent')
+    stdout, stderr = ctl.communicate(timeout=PATIENCE)
     assert (ctl.returncode, stdout) == (SUPERSEDED, '')
     assert re.search(DROPPED, stderr)
     assert race.karts[0].state is GREEN_GREEN

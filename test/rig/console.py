@@ -27,7 +27,7 @@ from evgp_testing.process import Program
 from rig.screen import Screen
 
 DROPPED = 'while the window was not responding'
-CHANGED = 'list of karts just changed|Click again'
+CHANGED = '(list of karts|alerts have) just changed|Click again'
 """Of what the window says of a key or a click that it dropped."""
 
 OPEN = 'The probe of the window listens'
