@@ -20,7 +20,6 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main
 from evgp_rcs.record.replay import OF_THE_SERVER, Replay
 from evgp_rcs.record.runs import DONE, Kept, UNREADABLE
-from evgp_rcs.record.store import rules_version
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules import race as rules
 from evgp_rcs.rules.inputs import Entry, Ordered, Rules
@@ -227,10 +226,3 @@ def test_a_run_without_its_beginning_says_plainly_that_it_cannot_be_replayed(
     (line,) = capsys.readouterr().err.splitlines()
     assert 'lacks the setup of the rules' in line
     assert main(['show', str(path)]) == DONE
-
-
-def test_the_version_of_the_rules_is_16_hexadecimal_digits_and_always_the_same() -> None:
-    version = rules_version()
-    assert len(version) == 16
-    assert int(version, 16) >= 0
-    assert version == rules_version()

@@ -127,8 +127,8 @@ class Record:
         self._path = path
         self._waiting = [Block(0, encode(Began(run, time.time_ns())))]
         self._due = math.inf  # when to write
-        self._blocks: list[bytes] = []  # compressed once, however often the disk fails
-        self._blocks_written = 0
+        self._numbers = itertools.count(1)  # of the blocks
+        self._blocks: list[tuple[int, bytes]] = []  # compressed once, however often the disk fails
         self._memory: RaceMemory | None = None  # to be written
         self._database: sqlite3.Connection | None = None
         self._run = 0
@@ -241,19 +241,16 @@ class Record:
 
     def _write(self) -> None:
         assert self._database is not None
-        self._blocks += [block.compressed() for block in joined(self._waiting)]
-        self._waiting.clear()
-        blocks = [
-            (self._run, number, block)
-            for number, block in enumerate(self._blocks, self._blocks_written + 1)
+        self._blocks += [
+            (next(self._numbers), each.compressed()) for each in joined(self._waiting)
         ]
+        self._waiting.clear()
         with self._database:
             self._database.execute('BEGIN IMMEDIATE')
-            self._database.executemany(WRITE_BLOCK, blocks)
+            self._database.executemany(WRITE_BLOCK, [(self._run, *each) for each in self._blocks])
             if self._memory is not None:
                 row = self._run, written(self._memory)
                 self._database.execute('INSERT OR REPLACE INTO memory VALUES (?, ?)', row)
-        self._blocks_written += len(blocks)
         self._blocks.clear()
         if self._memory is not None:
             _checkpoint(self._database)
