@@ -249,19 +249,12 @@ def moved(replaced: bool) -> Callable[[pathlib.Path], Mend]:
     return move
 
 
+NO_FILE, NO_RECORD = 'is not a file', 'is not a record of this race control'
 FROM_THE_START: dict[str, tuple[Callable[[pathlib.Path], Mend], str]] = {
-    'a folder': (no_record(pathlib.Path.mkdir), 'is not a file'),
-    'a pipe': (no_record(os.mkfifo), 'is not a file'),
-    'a text': (
-        no_record(
-            lambda path: path.write_text('karts: [] # longer than a header of SQLite\n' * 9)
-        ),
-        'is not a record of this race control',
-    ),
-    'another database': (
-        no_record(in_database('CREATE TABLE invoices (sum)')),
-        'is not a record of this race control',
-    ),
+    'a folder': (no_record(pathlib.Path.mkdir), NO_FILE),
+    'a pipe': (no_record(os.mkfifo), NO_FILE),
+    'a text': (no_record(lambda path: path.write_text('karts: [] # as wrong\n' * 9)), NO_RECORD),
+    'another database': (no_record(in_database('CREATE TABLE invoices (sum)')), NO_RECORD),
     'a full disk': (full(0), 'full'),
     'an almost full disk': (full(16 * 1024), 'full'),
     'a read-only disk': (read_only, 'read-only file system'),

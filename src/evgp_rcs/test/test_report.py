@@ -228,6 +228,8 @@ def test_the_page_has_the_stops_the_refusals_the_corrections_and_the_label_of_ea
     paper: PaperRace, tmp_path: pathlib.Path
 ) -> None:
     paper.command(CommandKind.GREEN_GREEN)  # refused before the race
+    paper.command(CommandKind.ALL_KILL)  # in the garage, which is no race
+    paper.go_home()
     paper.drive()
     paper.command(CommandKind.KART_FINISH, 8)
     paper.command(CommandKind.KART_UNDO_FINISH, 8)
@@ -243,13 +245,8 @@ def test_the_page_has_the_stops_the_refusals_the_corrections_and_the_label_of_ea
     assert [row[1:3] for row in table(page, 'refusals')] == [['GRID ACTIVE', 'Grace']]
     assert [row[1:3] for row in table(page, 'corrections')] == [['UNDO FINISH, kart 8', 'Ada']]
     assert any(row[5].startswith('ALL KILL: ') for row in table(page, 'all'))
-
-
-def test_all_kill_in_the_garage_is_no_race(paper: PaperRace) -> None:
-    paper.command(CommandKind.ALL_KILL)
-    account = paper.account()
-    assert account.races == []
-    assert len(account.outside.incidents) == 1
+    assert 'The record has 1 race.' in page
+    assert [row[3][:18] for row in tables(page, 'incidents')[-1]] == ['ALL KILL from Ada:']
 
 
 @pytest.mark.parametrize('what', ['a gap', 'a difference'])
@@ -660,11 +657,6 @@ def test_the_sums_are_of_the_file_and_of_the_events_and_none_of_a_file_that_is_b
     assert 'race control was writing it' in page
 
 
-def test_a_report_of_a_run_without_events_can_be_made(tmp_path: pathlib.Path) -> None:
-    written = PaperRace(TEAMS).write(tmp_path / 'record.sqlite3')
-    assert '<html' in report(written)
-
-
 def test_what_others_have_written_is_nothing_but_text_and_no_spreadsheet_runs_it(
     tmp_path: pathlib.Path,
 ) -> None:
@@ -701,6 +693,7 @@ def test_what_others_have_written_is_nothing_but_text_and_no_spreadsheet_runs_it
 def test_a_page_has_the_event_the_officials_and_room_to_sign_and_lets_in_only_its_own_style(
     written: pathlib.Path,
 ) -> None:
+    assert '<html' in report(PaperRace(TEAMS).write(written.with_name('of no event')))
     page = report(written)
     assert 'Event: <span class="blank">' in page
     assert 'Officials: <bdi>Ada</bdi>.' in page
