@@ -48,7 +48,7 @@ from evgp_rcs_msgs import msg, srv
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
 from evgp_testing.part import Part, PATIENCE
-from evgp_testing.process import executable, freeze
+from evgp_testing.process import executable
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import bound, joined, RosSide
 from evgp_testing.wire_kart import Acknowledges
@@ -57,7 +57,6 @@ import pytest
 import rclpy
 from rig.desk import Desk
 from rig.terminal import Terminal
-from test_timekeeper import Event
 
 ACCEPTED, REFUSED, USAGE, NOT_THERE = 0, 1, 2, 3
 
@@ -296,54 +295,6 @@ def test_a_watch_shows_the_race_until_it_ends_and_at_a_terminal_only_somebody_is
         watch.wait_for('RACE CONTROL HAS ENDED: NO STOP WORKS NOW')
         watch.process.send_signal(signal.SIGINT)
         assert watch.end() == ACCEPTED
-
-
-def test_corrections_go_to_the_timekeeper_and_no_stop_waits_for_one_that_is_frozen(
-    tmp_path: pathlib.Path, parts: contextlib.ExitStack
-) -> None:
-    event = parts.enter_context(Event(tmp_path))
-    event.race()
-    lines = parts.enter_context(Lines(event.domain, event.official))
-
-    def ends(code: int, *words: str) -> str:
-        """Carry out a line, and return what it prints."""
-        told = lines.run(*words)
-        assert told.code == code, told
-        return told.output + told.error
-
-    def shown(text: str) -> str:
-        """Return the results once this text is in them."""
-        results = lambda: lines.run('results').output  # noqa: E731
-        event.official.wait_until_polled(lambda: text in results(), f'{text} in the results')
-        return results()
-
-    ends(ACCEPTED, 'count-passing', '1')
-    which = shown('counted').splitlines()[-1].split(maxsplit=3)[3].removesuffix('counted')
-    strike = 'strike-passing', *shlex.split(which), '--reason', 'a marshal crossed'
-    ends(ACCEPTED, *strike)
-    assert 'is struck out' in ends(REFUSED, *strike)
-    ends(ACCEPTED, 'restore-passing', *shlex.split(which))
-    assert 'give a reason' in ends(REFUSED, 'penalise', '2', '--seconds', '5')
-    ends(ACCEPTED, 'penalise', '2', '--seconds', '5', '--reason', 'a short cut')
-    shown('+5 s: a short cut')
-    ends(ACCEPTED, 'undo-penalty', '2', '--race', '1')
-    assert 'under way' in ends(REFUSED, 'publish-results')
-    assert 'no heat' in ends(REFUSED, 'choose-race', '--race', '1')
-
-    freeze(event.timekeeper.pid)
-    ends(NOT_THERE, 'count-passing', '1', '--wait', '1')
-    ends(ACCEPTED, 'kart-red-flag', '1')
-    event.karts[0].wait_for_state(RaceState.RED_FLAG)
-    ends(ACCEPTED, 'all-kill')
-    event.karts[1].wait_for_state(RaceState.RED_RED)
-    event.timekeeper.kill()
-    # On a busy machine, ROS itself may need longer to start than a short wait allows.
-    calls = {'count-passing 1': 'the timekeeper was not found', 'results': 'no timing'}
-    started = [start(event.domain, *line.split(), '--wait', '10') for line in calls]
-    for lost, said in zip(started, calls.values(), strict=True):
-        with lost:
-            assert said in lost.communicate(timeout=2 * PATIENCE)[1]
-            assert lost.returncode == NOT_THERE
 
 
 # ----- a race control that these tests share -----------------------------------------------

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+import contextlib
 import os
 import pathlib
+import shlex
 import signal
 import time
 from types import SimpleNamespace
@@ -22,7 +24,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.record.timing import entries
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.part import PATIENCE
-from evgp_testing.process import Process
+from evgp_testing.process import freeze, Process
 from evgp_testing.race_control import Timekeeper, write_roster
 from evgp_testing.ros_side import joined, RosSide
 from evgp_testing.wire_race import WireRace
@@ -33,6 +35,7 @@ from evgp_timing.timekeeper import ARRIVING_QOS, passing_of, told_of
 from evgp_timing.window import Client
 import pytest
 from rclpy.parameter import Parameter
+from test_rcs_ctl import ACCEPTED, Lines, NOT_THERE, REFUSED, start
 
 KARTS = (1, 2)
 
@@ -159,7 +162,9 @@ class Event(WireRace):
         super().bring_to(state)
 
     def race(self) -> None:
-        """Start a race of the heat."""
+        """Start a race of the heat, beside a timekeeper."""
+        if not self.timekeeper.runs:
+            self.timekeeper = self.start_timekeeper()
         self.races += 1
         self.bring_to(RaceState.GREEN_GREEN)
         self._before = len(self.official.events)
@@ -331,6 +336,53 @@ def test_karts_race_on_without_a_timekeeper_and_one_that_comes_back_has_every_la
     seen = line.wait_for_more()
     assert not [each for each in seen.questions if 'clock' in each or 'were lost' in each]
     event.official.wait_for_kart(1, lambda kart: kart.place == 2, 'the finish by its laps')
+
+
+def test_corrections_go_to_the_timekeeper_and_no_stop_waits_for_one_that_is_frozen(
+    event: Event, parts: contextlib.ExitStack
+) -> None:
+    event.race()
+    lines = parts.enter_context(Lines(event.domain, event.official))
+
+    def ends(code: int, *words: str) -> str:
+        """Carry out a line, and return what it prints."""
+        told = lines.run(*words)
+        assert told.code == code, told
+        return told.output + told.error
+
+    def shown(text: str) -> str:
+        """Return the results once this text is in them."""
+        results = lambda: lines.run('results').output  # noqa: E731
+        event.official.wait_until_polled(lambda: text in results(), f'{text} in the results')
+        return results()
+
+    ends(ACCEPTED, 'count-passing', '1')
+    which = shown('counted').splitlines()[-1].split(maxsplit=3)[3].removesuffix('counted')
+    strike = 'strike-passing', *shlex.split(which), '--reason', 'a marshal crossed'
+    ends(ACCEPTED, *strike)
+    assert 'is struck out' in ends(REFUSED, *strike)
+    ends(ACCEPTED, 'restore-passing', *shlex.split(which))
+    assert 'give a reason' in ends(REFUSED, 'penalise', '2', '--seconds', '5')
+    ends(ACCEPTED, 'penalise', '2', '--seconds', '5', '--reason', 'a short cut')
+    shown('+5 s: a short cut')
+    ends(ACCEPTED, 'undo-penalty', '2', '--race', f'{event.races}')
+    assert 'under way' in ends(REFUSED, 'publish-results')
+    assert 'no heat' in ends(REFUSED, 'choose-race', '--race', f'{event.races}')
+
+    freeze(event.timekeeper.pid)
+    ends(NOT_THERE, 'count-passing', '1', '--wait', '1')
+    ends(ACCEPTED, 'kart-red-flag', '1')
+    event.karts[0].wait_for_state(RaceState.RED_FLAG)
+    ends(ACCEPTED, 'all-kill')
+    event.karts[1].wait_for_state(RaceState.RED_RED)
+    event.timekeeper.kill()
+    # On a busy machine, ROS itself may need longer to start than a short wait allows.
+    calls = {'count-passing 1': 'the timekeeper was not found', 'results': 'no timing'}
+    started = [start(event.domain, *line.split(), '--wait', '10') for line in calls]
+    for lost, said in zip(started, calls.values(), strict=True):
+        with lost:
+            assert said in lost.communicate(timeout=2 * PATIENCE)[1]
+            assert lost.returncode == NOT_THERE
 
 
 # ----- events and passings on paper ---------------------------------------------------------
