@@ -222,10 +222,11 @@ class Timekeeper(StrictNode):
 
     # ----- inputs -------------------------------------------------------------------------
 
-    def _take(self, *given: Input) -> Answer | None:
-        """Write inputs into the book, process them, and return the answer to the last one."""
+    def _take(self, *given: Input) -> None:
+        """Write inputs into the book and process them."""
         self._write(*given)
-        return [self._feed(each) for each in given][-1]
+        for each in given:
+            self._feed(each)
 
     def _write(self, *given: Input | Standings) -> bool:
         """Write entries into the book and return whether they are in it."""
