@@ -584,7 +584,7 @@ def test_a_command_or_an_announcement_that_cannot_be_sent_keeps_no_stop_from_bei
     ids=['accepted', 'refused', 'late', 'after a stop', 'not there', 'unanswered', 'not sent'],
 )
 def test_what_was_confirmed_with_a_command_is_sent_once_that_is_accepted_or_else_it_is_told(
-    desk: Desks,
+    the_desk: Desk,
     monkeypatch: pytest.MonkeyPatch,
     heat: str,
     changed: dict[str, Any],
@@ -593,8 +593,9 @@ def test_what_was_confirmed_with_a_command_is_sent_once_that_is_accepted_or_else
 ) -> None:
     for name, value in changed.items():
         monkeypatch.setattr(f'evgp_rcs_console.client.{name}', value)
+    the_desk.clear()
     hearing = Hearing()
-    with client_of(desk[0].domain, hearing) as client:
+    with client_of(the_desk.domain, hearing) as client:
         client._stop_given_at = stop_given_at
         assert client.wait_for(CommandKind.SET_HEAT, PATIENCE)
         then = tuple(Given(CommandKind.JOIN_RACE, kart) for kart in (1, 2))
