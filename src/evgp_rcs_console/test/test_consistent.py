@@ -31,6 +31,7 @@ ALLOWED = (
     texts.TRACK_CLOSED,
     texts.TRACK_CLOSED_MSR,
 )
+SETTLE = CommandKind.IN_GARAGE, CommandKind.OPEN_TRACK
 MSR_KINDS = (
     AlertKind.LOST_IN_MOTION,
     AlertKind.RED_UNACKNOWLEDGED,
@@ -81,8 +82,9 @@ def races(draw: st.DrawFn) -> Snapshot:
         TrackAccess,
         open=st.booleans(),
         allowed=st.booleans(),
-        reason=st.just('it is so'),
+        reason=st.just('a reason'),
         msr_used=st.booleans(),
+        settled_by=st.sampled_from((None, *SETTLE)),
     )
     return RACE._replace(
         state=draw(st.sampled_from(RaceState)),
@@ -197,10 +199,18 @@ def a_question_that_lets_humans_near_warns_of_what_the_screen_says(
 ) -> None:
     screen = Screen(replace(race, track=replace(race.track, open=False)), 0.0, {})
     by_msr = screen.humans == Cell(texts.TRACK_CLOSED_MSR, Tone.WAIT)
-    for command in (CommandKind.IN_GARAGE, CommandKind.OPEN_TRACK):
-        button = screen.button(command)
-        if screen.humans.tone is Tone.BAD or by_msr:
-            assert button.question.warning
+    track, heard = race.track, any(kart.connected for kart in race.karts)
+    doubt = bool(race.msr_alerts) or any(kart.in_doubt for kart in race.karts)
+    asks = [screen.button(command) for command in SETTLE]
+    asks += [screen.button(CommandKind.KART_IN_GARAGE, 1)] * bool(race.karts)
+    for button in asks:
+        settles, warned = button.command is track.settled_by, button.question.warning
+        if not button.kart and (screen.humans.tone is Tone.BAD or by_msr):
+            assert warned
+        if race.state not in texts.UNDER_WAY:  # which is nothing wrong
+            assert (track.reason in warned) is not (track.allowed or settles)
+        if track.allowed and not doubt:
+            assert bool(warned) is not (heard or track.msr_used)
 
 
 def a_kart_that_may_be_moving_is_not_shown_as_stopped(race: Snapshot, screen: Screen) -> None:
