@@ -6,12 +6,16 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 from evgp_protocol.states import RaceState
-from evgp_rehearsal.field import Fault, Field, TICK_LENGTH
+from evgp_rehearsal.field import Connected, CREEP, Fault, Field, TICK_LENGTH
 from evgp_rehearsal.incidents import can_begin, choose_kart, INCIDENTS, LASTS, script_of
 from evgp_rehearsal.plan import Plan, Track
 import pytest
+
+TOP = math.inf
+"""A kart's own top speed."""
 
 SQUARE = Track(((0.0, 0.0), (30.0, 0.0), (30.0, 30.0), (0.0, 30.0)))
 
@@ -90,6 +94,33 @@ def test_a_kart_that_does_not_answer_a_red_says_nothing_and_the_msr_stops_it(fau
     field.use_msr()
     run(field, 10.0)
     assert not field.karts[1].moves
+
+
+@pytest.mark.parametrize(
+    ('fault', 'state', 'speed', 'connected'),
+    [
+        (Fault.CREEPS, RaceState.GRID_ACTIVE, CREEP, Connected.KART),
+        (Fault.SLOW, RaceState.GREEN_GREEN, CREEP, Connected.KART),
+        (Fault.STUCK, RaceState.GREEN_GREEN, 0.0, Connected.KART),
+        (Fault.SPUN, RaceState.GREEN_GREEN, 0.0, Connected.KART),
+        (Fault.IGNORES_FLAG, RaceState.RED_FLAG, TOP, Connected.KART),
+        (Fault.IGNORES_FLAG, RaceState.RED_RED, 0.0, Connected.KART),
+        (Fault.OFFLINE, RaceState.RED_RED, 0.0, Connected.NOBODY),
+        (Fault.REPLACED, RaceState.RED_RED, 0.0, Connected.STRANGER),
+    ],
+)
+def test_a_fault_shows_in_how_a_kart_moves_or_in_who_is_connected(
+    fault: Fault, state: RaceState, speed: float, connected: Connected
+) -> None:
+    field = the_field(1)
+    kart = field.karts[1]
+    send(field, RaceState.GREEN_GREEN)
+    run(field, 5.0)
+    kart.faults.add(fault)
+    send(field, state)
+    run(field, 10.0)
+    wanted = kart.ability.top if speed is TOP else speed
+    assert (kart.speed, kart.link(field.tick)) == (wanted, connected)
 
 
 def test_karts_differ_by_the_seed_and_by_nothing_else() -> None:
