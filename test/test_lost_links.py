@@ -98,6 +98,7 @@ class NetworkRace:
     def mend(self) -> None:
         """Have both karts connected again over a network without a fault, for the next test."""
         for machine in (self.machine, self.good_machine):
+            machine.ip('link set eth0 up')
             machine.air()
         if self.good.ended:
             self.start_good_kart()
@@ -116,6 +117,11 @@ class NetworkRace:
         self.faulty.team.wait_for(
             lambda heard: state_of(heard.commanded) is state is state_of(heard.state),
             f'{state.value}, commanded and obeyed',
+        )
+        # The stack's watch hears the bridge through a subscription of its own, perhaps later.
+        self.faulty.team.wait_until(
+            lambda: self.faulty.obeyed[-1][1] is state,
+            lambda: f'the stack obeys {state.value}; obeyed: {self.faulty.obeyed}',
         )
         if state is not RaceState.IN_GARAGE:
             # Its order is another one once a connection that was lost is back.

@@ -325,7 +325,7 @@ class KartList(Panel):
         before, stale = table.rows, table.stale
         table.rows, table.stale = rows, screen.danger.stale
         table.setRowCount(len(rows))
-        del self._buttons[len(rows) :]
+        self._buttons = self._buttons[: len(rows)]
         for place, row in enumerate(rows):
             looked = _looks(before[place]) if place < len(before) else [()] * len(COLUMNS)
             for number, (was, looks) in enumerate(zip(looked, _looks(row), strict=True)):
