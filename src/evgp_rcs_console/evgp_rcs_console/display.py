@@ -104,8 +104,7 @@ class Inbox(QtCore.QObject):
     """
 
     came = Signal()
-    """Emitted for each snapshot. The window may have processed that snapshot already, together
-    with an earlier one."""
+    """Emitted for each snapshot, though the window may have processed it with an earlier one."""
     event = Signal(object)
     results = Signal(object)
     answer = Signal(object, object)

@@ -278,9 +278,8 @@ class KartList(Panel):
         self._tiles.hide()
         self.table.setItemDelegate(self._delegate)
         self.table.pressed.connect(self._choose)
-        entered, left = self.table.entered, self.table.viewportEntered
-        entered.connect(lambda index: self.window().bottom.point_at(self.whole(index.row())))
-        left.connect(lambda: self.window().bottom.point_at(''))
+        self.table.entered.connect(lambda at: self.window().bottom.point_at(self.whole(at.row())))
+        self.table.viewportEntered.connect(lambda: self.window().bottom.point_at(''))
         lay(self, [self._tiles], [self.table], margins=(1, 1, 1, 1), heights=(0, 1))
 
     @property
@@ -338,9 +337,9 @@ class KartList(Panel):
                     table.setCellWidget(place, number, button)
             for button, command in zip(self._buttons[place], row.buttons, strict=True):
                 button.show_button(command)
-        if stale != screen.danger.stale:
+        if stale != table.stale:
             table.viewport().update()
-        if _tiles(before, stale) != _tiles(rows, screen.danger.stale):
+        if _tiles(before, stale) != _tiles(rows, table.stale):
             self._tiles.update()
         if len(before) != len(rows):
             self.fit()

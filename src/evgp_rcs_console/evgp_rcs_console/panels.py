@@ -31,7 +31,8 @@ EVENTS = 100
 
 def state_panel() -> Panel:
     """Return the area of the race's state, in the colour of that state."""
-    rows = [fixed(Text('state', 'huge bold'), height=42)], [Text('state_since', wrap=True)]
+    since = fixed(Text('state_since', wrap=True), 304, 30)  # so that no second lays out the window
+    rows = [fixed(Text('state', 'huge bold'), height=42)], [since]
     return lay(Panel('state_panel', ''), *rows, margins=(10, 2, 2, 4), heights=(0, 1))
 
 
@@ -55,7 +56,8 @@ def danger_panel() -> Panel:
 
 def clock_panel() -> Panel:
     """Return the area of the time of day and the heat."""
-    rows = [Text('time_of_day', 'large bold', RIGHT)], [Text('heat', 'faint', RIGHT)]
+    now, heat = Text('time_of_day', 'large bold', RIGHT), Text('heat', 'faint', RIGHT)
+    rows = [fixed(now, 134, 34)], [heat]
     return lay(Panel('clock', ''), *rows, margins=(0, 10, 4, 12), heights=(32, 20))
 
 
