@@ -272,14 +272,14 @@ class KartList(Panel):
     def __init__(self) -> None:
         super().__init__()
         self.table = KartTable()
-        self._buttons: list[list[CommandButton]] = []
         self._delegate = KartDelegate(self.table)
         self._tiles = fixed(Tiles(self.table), height=TILES)
         self._tiles.hide()
         self.table.setItemDelegate(self._delegate)
         self.table.pressed.connect(self._choose)
-        self.table.entered.connect(lambda at: self.window().bottom.point_at(self.whole(at.row())))
-        self.table.viewportEntered.connect(lambda: self.window().bottom.point_at(''))
+        entered, left = self.table.entered, self.table.viewportEntered
+        entered.connect(lambda index: self.window().bottom.point_at(self.whole(index.row())))
+        left.connect(lambda: self.window().bottom.point_at(''))
         lay(self, [self._tiles], [self.table], margins=(1, 1, 1, 1), heights=(0, 1))
 
     @property
@@ -324,22 +324,19 @@ class KartList(Panel):
         before, stale = table.rows, table.stale
         table.rows, table.stale = rows, screen.danger.stale
         table.setRowCount(len(rows))
-        self._buttons = self._buttons[: len(rows)]
         for place, row in enumerate(rows):
             looked = _looks(before[place]) if place < len(before) else [()] * len(COLUMNS)
             for number, (was, looks) in enumerate(zip(looked, _looks(row), strict=True)):
                 if was != looks:
                     said = filter(None, (cell.text for cell in row.cells[number]))
                     table.setItem(place, number, QtWidgets.QTableWidgetItem('\n'.join(said)))
-            if place == len(self._buttons):
-                self._buttons.append([CommandButton() for _ in row.buttons])
-                for number, button in enumerate(self._buttons[place], len(COLUMNS)):
-                    table.setCellWidget(place, number, button)
-            for button, command in zip(self._buttons[place], row.buttons, strict=True):
-                button.show_button(command)
-        if stale != table.stale:
+            for number, command in enumerate(row.buttons, len(COLUMNS)):
+                if table.cellWidget(place, number) is None:
+                    table.setCellWidget(place, number, CommandButton())
+                table.cellWidget(place, number).show_button(command)
+        if stale != screen.danger.stale:
             table.viewport().update()
-        if _tiles(before, stale) != _tiles(rows, table.stale):
+        if _tiles(before, stale) != _tiles(rows, screen.danger.stale):
             self._tiles.update()
         if len(before) != len(rows):
             self.fit()
