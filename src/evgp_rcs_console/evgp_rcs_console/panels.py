@@ -31,7 +31,8 @@ EVENTS = 100
 
 def state_panel() -> Panel:
     """Return the area of the race's state, in the colour of that state."""
-    since = fixed(Text('state_since', wrap=True), 304, 30)  # so that no second lays out the window
+    # A text that changes every second has a fixed size, or Qt would lay out the window each time.
+    since = fixed(Text('state_since', wrap=True), 304, 30)
     rows = [fixed(Text('state', 'huge bold'), height=42)], [since]
     return lay(Panel('state_panel', ''), *rows, margins=(10, 2, 2, 4), heights=(0, 1))
 
