@@ -84,9 +84,9 @@ def _train(plan: Plan, folder: pathlib.Path, given: argparse.Namespace) -> int:
         print(f'--- {BANNER}')
         opened = screen and webbrowser.open(page.url)
         where = '' if opened else ' (open it on this machine to begin incidents)'
-        print(f'Instructor: {page.url}{where}')
+        print(f'Instructor: {page.url}{where}', flush=True)
         if screen:
-            print("Official: the officials' window opens on this screen, if it can.")
+            print("Official: the officials' window opens on this screen, if it can.", flush=True)
         with contextlib.suppress(KeyboardInterrupt):
             rehearsal.gather()
             _explain(rehearsal)
