@@ -352,9 +352,10 @@ def test_corrections_go_to_the_timekeeper_and_no_stop_waits_for_one_that_is_froz
 
     def shown(text: str) -> str:
         """Return the results once this text is in them."""
-        results = lambda: lines.run('results').output  # noqa: E731
-        event.official.wait_until_polled(lambda: text in results(), f'{text} in the results')
-        return results()
+        event.official.wait_until_polled(
+            lambda: text in lines.run('results').output, f'{text} in the results'
+        )
+        return lines.run('results').output
 
     ends(ACCEPTED, 'count-passing', '1')
     which = shown('counted').splitlines()[-1].split(maxsplit=3)[3].removesuffix('counted')
