@@ -3,8 +3,7 @@
 
 """Starts a kart's bridge: ros2 launch evgp_kart_bridge kart_bridge.launch.py host:=10.0.0.1 ."""
 
-import sys
-
+from evgp_node.restarting import PREFIX
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration, PathJoinSubstitution
@@ -63,7 +62,7 @@ def generate_launch_description() -> LaunchDescription:
                 output='screen',
                 # A bridge that died restarts in RED_RED, like every bridge (§3.E). Until then, the
                 # stack stops because the bridge's topics are silent.
-                prefix=f'{sys.executable} -m evgp_node.restarting',
+                prefix=PREFIX,
             ),
         ]
     )

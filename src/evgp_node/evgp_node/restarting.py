@@ -23,6 +23,9 @@ import time
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Signals that end our programs normally. A terminal sends one of them when it is closed."""
 
+PREFIX = f'{sys.executable} -m evgp_node.restarting'
+"""What a launch file puts before a program that is to be restarted."""
+
 DELAYS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Times before the first, second, ... restart in a row, in seconds. The last one repeats."""
 

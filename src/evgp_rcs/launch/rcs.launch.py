@@ -7,8 +7,7 @@ Start race control and the timekeeper: ros2 launch evgp_rcs rcs.launch.py roster
 The timekeeper ends with race control, but race control does not need the timekeeper.
 """
 
-import sys
-
+from evgp_node.restarting import PREFIX
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, EmitEvent
 from launch.events import matches_action
@@ -17,9 +16,6 @@ from launch.substitutions import EnvironmentVariable, LaunchConfiguration, PathJ
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
-
-RESTARTING = f'{sys.executable} -m evgp_node.restarting'
-"""Restarts a program that dies, as `make run` does. Karts stay stopped until then."""
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -40,7 +36,7 @@ def generate_launch_description() -> LaunchDescription:
         parameters=[LaunchConfiguration('timing_params_file'), roster],
         additional_env=environment,
         output='screen',
-        prefix=RESTARTING,
+        prefix=PREFIX,
     )
     race_control = Node(
         package='evgp_rcs',
@@ -51,7 +47,7 @@ def generate_launch_description() -> LaunchDescription:
         parameters=[LaunchConfiguration('params_file'), roster],
         additional_env=environment,
         output='screen',
-        prefix=RESTARTING,
+        prefix=PREFIX,  # karts stay stopped until race control is restarted
         on_exit=EmitEvent(event=ShutdownProcess(process_matcher=matches_action(timekeeper))),
     )
     return LaunchDescription(
