@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable, Iterable, Sequence
 import contextlib
 import csv
@@ -195,13 +196,16 @@ class PaperRace:
 
         A step is one of `NEWS`, a command, or a method of this class; then come numbers and names.
         """
-        names = {**RaceState.__members__, **LastRun.__members__}
+        names = {**Grade.__members__, **RaceState.__members__, **LastRun.__members__}
         for step in filter(None, story.split(', ')):
             word, *rest = step.split()
             if step in NEWS:
                 self.feed(NEWS[step]._replace(at=self.now))
                 continue
-            given: list[Any] = [int(each) if each.isdigit() else names[each] for each in rest]
+            given: list[Any] = [
+                names.get(each, each) if each[0].isalpha() else ast.literal_eval(each)
+                for each in rest
+            ]
             if word in CommandKind.__members__:
                 self.command(CommandKind[word], *given)
             else:
@@ -399,17 +403,6 @@ def named(event: Happened | None) -> str:
     """Return what an event is about: its command, or its kind."""
     assert event is not None
     return (event.event.command or event.event.kind).name
-
-
-TEAMS = {7: 'Purdue', 8: 'Michigan', 9: 'Kennesaw'}
-
-
-def three_karts(*heats: Heat) -> PaperRace:
-    """Return a race with three karts, all connected."""
-    paper = PaperRace(TEAMS, heats)
-    paper.connect(*TEAMS)
-    paper.wait(1.0)
-    return paper
 
 
 def report(record: pathlib.Path, *arguments: str, code: int = DONE) -> str:
