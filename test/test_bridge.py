@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The bridge as a process, between a real race control and a team's node."""
+"""The bridge as a process, between race control's end of the wire and a team's node."""
 
 from __future__ import annotations
 
@@ -23,14 +23,9 @@ from evgp_node.graph import INTERFACE, kept_apart_by
 from evgp_node.qos import latched
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
-from evgp_rcs_msgs.msg import KartStatus
 from evgp_rcs_msgs.srv import Acknowledge
-from evgp_testing.domains import free_port
-from evgp_testing.fixtures import (
-    JoinTeam,
-    StartBase,
-    StartBridge,
-)
+from evgp_testing.domains import Domain, free_port
+from evgp_testing.fixtures import JoinTeam, StartBase, StartBridge
 from evgp_testing.kart import Bridge, Team
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import executable, Process, Program
@@ -41,13 +36,8 @@ from nav_msgs.msg import Odometry
 import pytest
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import qos_profile_sensor_data as best_effort
-from rig.desk import Desk
-from rig.faulty_nodes import (
-    BridgeThatHangs,
-    BridgeThatRaises,
-    program_of,
-    StackThatRaises,
-)
+from rig.bare_race_control import BareRaceControl
+from rig.faulty_nodes import BridgeThatHangs, BridgeThatRaises, program_of, StackThatRaises
 from std_msgs.msg import Bool, ColorRGBA, String
 from std_srvs.srv import SetBool
 
@@ -58,58 +48,75 @@ RED_FLAG = RaceState.RED_FLAG
 RED_RED = RaceState.RED_RED
 
 
-@pytest.fixture(scope='module')
-def the_desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
-    """Return race control and an official: no test here ends them."""
-    with Desk(tmp_path_factory.mktemp('race_control'), [1], [2]) as desk:
-        yield desk
-
-
-@pytest.fixture
-def desk(the_desk: Desk) -> Desk:
-    """Return race control and an official, with the race in the garage and no kart connected."""
-    the_desk.clear()
-    return the_desk
-
-
 class OneKartRace:
-    """Race control with one kart in the race, its official, its bridge, and its team."""
+    """
+    Race control's end of the wire, a kart's bridge, and its team.
 
-    def __init__(self, desk: Desk, bridge: Bridge, team: Team) -> None:
-        self.control = desk.control
-        self.official = desk.official
-        self.bridge = bridge
-        self.team = team
-        self.official.wait_for_connected(1)
-        team.wait_for_state(IN_GARAGE)
+    :param bridge_has: parameters of the bridge.
+    """
 
-    def grid(self) -> None:
-        self.official.command('grid_active', track_clear=True)
-        self.team.wait_for_state(GRID_ACTIVE)
+    def __init__(
+        self,
+        parts: contextlib.ExitStack,
+        program: str = 'kart_bridge_node',
+        arguments: tuple[str, ...] = (),
+        **bridge_has: object,
+    ) -> None:
+        self._parts, self._domain = parts, parts.enter_context(Domain()).number
+        self.control = parts.enter_context(BareRaceControl())
+        self.start_bridge(bridge_has, program, arguments)
+        self.team = parts.enter_context(Team(self._domain))
+        self.team.wait_for_state(IN_GARAGE)
+
+    def start_bridge(self, *bridge_has: Any) -> None:
+        bridge = Bridge(self._domain, self.control.port, address_of(1), *bridge_has)
+        self.bridge = self._parts.enter_context(bridge)
+
+    def command(self, state: RaceState) -> None:
+        self.control.say(state)
+        self.team.wait_for_state(state)
+
+    def acknowledge(self, state: RaceState) -> None:
+        # Once the bridge has received odometry, if it is required.
+        self.team.wait_until_polled(
+            lambda: self.team.acknowledge(state).success, f'{state.value} to be taken'
+        )
+        self.control.wait_until_it_says(state)
 
     def green(self) -> None:
-        self.grid()
-        self.team.wait_until_polled(
-            lambda: self.team.acknowledge(GRID_ACTIVE).success, 'ready'
-        )  # once the bridge has received odometry, if it is required
+        self.command(GRID_ACTIVE)
+        self.acknowledge(GRID_ACTIVE)
         self.start()
 
     def start(self) -> None:
-        self.official.wait_for_acks(GRID_ACTIVE, 1)
-        self.official.command('green_green')
-        self.team.wait_for_state(GREEN_GREEN)
+        self.control.wait_until_it_says(GRID_ACTIVE)
+        self.command(GREEN_GREEN)
         self.team.wait_for_stop(False)
 
     def drive(self, stack: Process) -> None:
         stack.wait_for_line('IN_GARAGE')
         self.team.wait_for_speed(lambda speed: speed == 0.0)
-        self.grid()
+        self.command(GRID_ACTIVE)
         # The stack acknowledges by itself; what it has not heard, it would not start from.
         self.start()
         self.team.wait_for_speed(lambda speed: speed > 1.0)
 
 
-StartRace = Callable[..., OneKartRace]
+@pytest.fixture(scope='module')
+def the_kart() -> Iterator[OneKartRace]:
+    with contextlib.ExitStack() as parts:
+        yield OneKartRace(
+            parts, auto_acknowledge_stop=True, standstill_time=0.2, drive_in_garage=True
+        )
+
+
+@pytest.fixture
+def kart(the_kart: OneKartRace) -> OneKartRace:
+    """Return a kart in the garage, whose odometry says that it stands; no test here ends it."""
+    the_kart.command(IN_GARAGE)
+    the_kart.team.roll_at(0.0)
+    the_kart.bridge.lines.clear()
+    return the_kart
 
 
 def start_stack(domain: int, program: str = 'example_stack', **parameters: object) -> Process:
@@ -128,24 +135,13 @@ def publish(
     return act
 
 
-@pytest.fixture
-def start_race(desk: Desk, start_bridge: StartBridge, join_team: JoinTeam) -> StartRace:
-    """Return a function that starts a race of one kart; it takes what `start_bridge` takes."""
-
-    def start(**bridge_has: Any) -> OneKartRace:
-        bridge = start_bridge(desk.control.port, 1, **bridge_has)
-        return OneKartRace(desk, bridge, join_team(bridge))
-
-    return start
-
-
 # ----- from race control to the stack ------------------------------------------------------
 
 
-def test_a_race_reaches_the_stack_and_its_acknowledgements_the_official(
-    start_race: StartRace,
+def test_a_race_reaches_the_stack_and_its_acknowledgements_race_control(
+    parts: contextlib.ExitStack,
 ) -> None:
-    race = start_race()
+    race = OneKartRace(parts)
     race.bridge.wait_for_line('Until odometry arrives on /kart_bridge/odom')
     race.team.wait_for_stop(True)
     lamp = race.team.hear(ColorRGBA, '/kart_bridge/lamp', latched(1))
@@ -157,8 +153,11 @@ def test_a_race_reaches_the_stack_and_its_acknowledgements_the_official(
             lambda: f'another colour; the last are {lamp[-3:]}',
         )
 
-    race.grid()
+    race.command(GRID_ACTIVE)
     wait_for_lamp(YELLOW)
+    race.bridge.wait_for_line(
+        'GRID_ACTIVE has not been acknowledged for 5 s.*/kart_bridge/acknowl'
+    )
     race.green()
     race.team.wait_until(lambda: plain[-1].data == 'GREEN_GREEN', lambda: f'it; {plain[-1]}')
     (publisher,) = race.team.node.get_publishers_info_by_topic('/kart_bridge/state')
@@ -166,17 +165,22 @@ def test_a_race_reaches_the_stack_and_its_acknowledgements_the_official(
     plain.clear()
     race.team.wait_until(lambda: len(plain) > 9, lambda: 'more, though nothing changes')
     assert {each.data for each in plain} == {'GREEN_GREEN'}
-    assert race.team.acknowledge(GREEN_GREEN).success
-    race.official.wait_for_acks(GREEN_GREEN, 1)
-    for command, state in (('red_flag', RED_FLAG), ('all_kill', RED_RED)):
-        race.official.command(command)
-        race.team.wait_for_state(state)
-        assert race.team.acknowledge(state).success
-        race.official.wait_for_acks(state, 1)
-    race.official.command('in_garage', track_safe=True)
-    race.team.wait_for_state(IN_GARAGE)
+    race.acknowledge(GREEN_GREEN)
+    race.team.drive_at(0.0)
+    race.bridge.wait_for_line('has read 0.00 m/s for 5 s in GREEN_GREEN.*twist')
+    race.team.drive_at(3.0)
+    race.command(RED_FLAG)
+    race.bridge.wait_for_line('The stop is not acknowledged yet: odometry says 3.00')
+    race.team.drive_at(0.0)
+    race.acknowledge(RED_FLAG)
+    race.command(RED_RED)
+    race.bridge.wait_for_line('RED_RED has not been acknowledged for 5 s')
+    race.acknowledge(RED_RED)
+    race.command(IN_GARAGE)
+    race.control.wait_until_it_says(IN_GARAGE)
     assert race.team.states[-5:] == [GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED, IN_GARAGE]
     assert race.bridge.close() == 0
+    assert 'IN_GARAGE has not been acknowledged' not in race.bridge.output
     told = re.findall(r'(\w+) is acknowledged', race.bridge.output)
     assert told == ['GRID_ACTIVE', 'GREEN_GREEN', 'RED_FLAG', 'RED_RED']
     race.team.wait_until(lambda: plain[-1].data == 'RED_RED', lambda: f'the end: {plain[-1]}')
@@ -187,50 +191,47 @@ def test_a_race_reaches_the_stack_and_its_acknowledgements_the_official(
 
 
 def test_an_acknowledgement_that_cannot_be_taken_is_answered_with_what_to_send(
-    start_race: StartRace,
+    kart: OneKartRace,
 ) -> None:
-    race = start_race(drive_in_garage=True)
-    race.team.wait_for_stop(False)  # in the garage, as its team has set
+    kart.team.wait_for_stop(False)  # in the garage, as its team has set
     for state, said in (
         (GREEN_GREEN, 'race control commands IN_GARAGE, not GREEN_GREEN'),
         (None, '0 is not a race state'),
     ):
-        answer = race.team.acknowledge(state)
+        answer = kart.team.acknowledge(state)
         assert not answer.success
         assert answer.message.startswith(said)
         assert f'{state_message(IN_GARAGE).state} IN_GARAGE' in answer.message
-    race.grid()
-    for _ in range(2):
-        told = race.team.state
+    for commanded in (GRID_ACTIVE, RED_RED):
+        kart.command(commanded)
+        told = kart.team.state
         assert told is not None
-        answer = race.team.acknowledge(None, 0)
+        answer = kart.team.acknowledge(None, 0)
         assert not answer.success
         said = f'order: {told.order}, reached: {{state: {told.reached.state}}}'
         assert answer.message == f'once the kart has reached that state, send {{{said}}}'
-        assert race.team.acknowledge(state_of(told.reached), told.order).success
-        race.official.command('all_kill')
-        race.team.wait_for_state(RED_RED)
+        kart.team.wait_until_polled(
+            lambda told=told: kart.team.acknowledge(state_of(told.reached), told.order).success,
+            f'what it says to be taken: {said}',
+        )
 
 
 def test_no_red_is_acknowledged_while_the_pose_moves_whatever_the_twist_says(
-    start_race: StartRace,
+    kart: OneKartRace,
 ) -> None:
-    race = start_race(auto_acknowledge_stop=True)
-    race.team.roll_at(0.0)
-    race.green()
-    race.team.roll_at(6.0)
-    race.bridge.wait_for_line('counts as moving: the pose')
-    race.official.command('all_kill')
-    race.team.wait_for_state(RED_RED)
-    assert not race.team.acknowledge(RED_RED).success
-    race.team.roll_at(0.0)
-    race.official.wait_for_acks(RED_RED, 1)
+    kart.green()
+    kart.team.roll_at(6.0)
+    kart.bridge.wait_for_line('counts as moving: the pose')
+    kart.command(RED_RED)
+    assert not kart.team.acknowledge(RED_RED).success
+    kart.team.roll_at(0.0)
+    kart.control.wait_until_it_says(RED_RED)
 
 
 def test_no_red_is_acknowledged_while_required_odometry_does_not_come(
-    start_race: StartRace,
+    parts: contextlib.ExitStack,
 ) -> None:
-    race = start_race(arguments=('-r', '~/odom:=/odometry'))  # which requires it
+    race = OneKartRace(parts, arguments=('-r', '~/odom:=/odometry'))  # which requires it
     race.bridge.wait_for_line('Obey IN_GARAGE')
     # It has started well, and has raised no alarm.
     before = list(
@@ -238,8 +239,7 @@ def test_no_red_is_acknowledged_while_required_odometry_does_not_come(
     )
     assert any('Starting: ' in line for line in before)
     assert not any('[WARN]' in line for line in before), race.bridge.output
-    race.official.command('all_kill')
-    race.team.wait_for_state(RED_RED)
+    race.command(RED_RED)
     answer = race.team.acknowledge(RED_RED)
     assert not answer.success
     assert 'no odometry on /odometry' in answer.message
@@ -247,19 +247,6 @@ def test_no_red_is_acknowledged_while_required_odometry_does_not_come(
 
 
 # ----- what it logs ------------------------------------------------------------------------
-
-
-def test_a_failure_that_comes_back_with_every_attempt_is_not_logged_every_time(
-    start_bridge: StartBridge,
-) -> None:
-    with socket.create_server(('127.0.0.1', free_port())) as closing:
-        bridge = start_bridge(closing.getsockname()[1])
-        for _ in range(5):  # attempts within some 3 s
-            closing.accept()[0].close()
-        said = [line.partition(': ')[2] for line in bridge.lines]
-        closed = [text for text in said if 'closed the connection' in text]
-        assert closed
-        assert len(closed) == len(set(closed)), bridge.output
 
 
 @pytest.mark.parametrize(
@@ -280,70 +267,57 @@ def test_what_may_keep_the_bridge_unheard_is_named(
     assert kept_apart_by() == (f'{name}={value}' if apart else '')
 
 
-def test_a_stack_that_hears_no_bridge_says_in_which_domain_or_by_which_variable_of_its_shell(
-    parts: contextlib.ExitStack, start_bridge: StartBridge, domain: int
+def test_a_stack_that_hears_no_bridge_and_a_bridge_without_a_reader_say_where_they_look(
+    parts: contextlib.ExitStack, domain: int
 ) -> None:
-    bridge = start_bridge()
-    where = f'on /kart_bridge/race_state in ROS domain {domain}:.*{INTERFACE}'
+    closing = parts.enter_context(socket.create_server(('127.0.0.1', 0)))
+    elsewhere = parts.enter_context(Domain()).number
+    bridge = parts.enter_context(Bridge(domain, closing.getsockname()[1], address_of(1)))
+    side = parts.enter_context(RosSide('reader', domain))
+    side.spin()
+    subscribe, leave = side.node.create_subscription, side.node.destroy_subscription
+    lock = subscribe(Bool, '/kart_bridge/stop', print, 1)
+    stacks = {}
     # With LARGE_DATA it depends on the machine whether it is heard.
-    for at, name, value, said in (
-        (domain, 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST', where),
-        (bridge.domain, 'FASTDDS_BUILTIN_TRANSPORTS', 'SHM', ''),
+    for at, name, value in (
+        (elsewhere, 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST'),
+        (domain, 'FASTDDS_BUILTIN_TRANSPORTS', 'SHM'),
     ):
         # Under LOCALHOST, as tests have it, Fast DDS would not look at its variable.
         environment = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', name: value}
         program = executable('evgp_kart_bridge', 'shortest_stack')
-        stack = parts.enter_context(Program('stack', [program], at, environment))
-        said = said or f'.*: this shell sets {name}={value}, which may'
-        stack.wait_for_line(f'no bridge is heard {said}')
+        stacks[name] = parts.enter_context(Program('stack', [program], at, environment))
+    for _ in range(5):  # attempts within some 3 s
+        closing.accept()[0].close()
+    # A failure that comes back with every attempt is not logged every time.
+    said = [line.partition(': ')[2] for line in bridge.lines]
+    closed = [text for text in said if 'closed the connection' in text]
+    assert closed
+    assert len(closed) == len(set(closed)), bridge.output
+    for name, where in (
+        ('ROS_AUTOMATIC_DISCOVERY_RANGE', f'in ROS domain {elsewhere}:.*{INTERFACE}'),
+        ('FASTDDS_BUILTIN_TRANSPORTS', '.*: this shell sets FASTDDS_BUILTIN_TRANSPORTS=SHM, .*'),
+    ):
+        stacks[name].wait_for_line(f'no bridge is heard on /kart_bridge/race_state {where}')
 
-
-def test_a_stack_that_reads_the_lock_or_the_plain_state_alone_is_read(
-    start_bridge: StartBridge, parts: contextlib.ExitStack
-) -> None:
-    bridge = start_bridge()
-    side = parts.enter_context(RosSide('reader', bridge.domain))
-    side.spin()
-    subscribe, leave = side.node.create_subscription, side.node.destroy_subscription
-    lock = subscribe(Bool, '/kart_bridge/stop', print, 1)
-    bridge.wait_for_line('refuses')  # it has begun
+    # A stack that reads the lock or the plain state alone is read.
     time.sleep(WARN_AFTER + 1.0)  # that time passes is itself what is awaited
     plain = subscribe(String, '/kart_bridge/state', print, 1)
     leave(lock)
     time.sleep(WARN_AFTER + 1.0)
     assert 'No node has read' not in bridge.output
     leave(plain)
-    where = f'/kart_bridge/race_state in ROS domain {bridge.domain}'
+    where = f'/kart_bridge/race_state in ROS domain {domain}'
     bridge.wait_for_line(f'No node has read {where} .*{INTERFACE}')
-
-
-def test_a_bridge_says_after_5_s_that_nobody_acknowledges_and_that_a_kart_never_moves(
-    start_race: StartRace,
-) -> None:
-    race = start_race()
-    race.grid()
-    race.bridge.wait_for_line(
-        'GRID_ACTIVE has not been acknowledged for 5 s.*/kart_bridge/acknowl'
-    )
-    assert race.team.acknowledge(GRID_ACTIVE).success
-    race.start()
-    race.team.drive_at(0.0)
-    race.bridge.wait_for_line('has read 0.00 m/s for 5 s in GREEN_GREEN.*twist')
-    race.team.drive_at(3.0)
-    race.official.command('all_kill')
-    race.bridge.wait_for_line('The stop is not acknowledged yet: odometry says 3.00')
-    race.team.drive_at(0.0)
-    race.bridge.wait_for_line('RED_RED has not been acknowledged for 5 s')
-    assert 'IN_GARAGE has not been acknowledged' not in race.bridge.output
 
 
 # ----- the team's own stop -----------------------------------------------------------------
 
 
 def test_a_bridge_that_is_started_again_heeds_what_was_pressed_before_and_fits_no_old_number(
-    start_race: StartRace, parts: contextlib.ExitStack
+    parts: contextlib.ExitStack,
 ) -> None:
-    race = start_race()
+    race = OneKartRace(parts)
     why = 'the safety remote says stop', "the MSR's contact is open"
     for remote in ('tsr', 'msr'):
         publish(Bool, remote, latched(1), Bool(data=True))(race.team)
@@ -360,8 +334,7 @@ def test_a_bridge_that_is_started_again_heeds_what_was_pressed_before_and_fits_n
         assert not any(race.team.acknowledge(RED_RED, each).success for each in numbers)
         numbers.append(told.order)
         race.bridge.kill()
-        race.bridge = Bridge(race.bridge.domain, race.control.port, address_of(1))
-        parts.callback(race.bridge.close)
+        race.start_bridge()
     # They do not just begin to count again, not even near.
     gaps = [abs(after - before) for before, after in itertools.pairwise(numbers)]
     assert min(gaps) > 1_000_000
@@ -372,9 +345,9 @@ def offer(kind: type, service: str) -> Callable[[RosSide], object]:
 
 
 def test_a_second_node_in_a_role_of_the_kart_stops_it_until_it_has_left(
-    start_race: StartRace,
+    parts: contextlib.ExitStack,
 ) -> None:
-    race = start_race()
+    race = OneKartRace(parts)
 
     def wait_for_stop(reason: str) -> None:
         # DDS may find a publisher before the name of its node.
@@ -420,7 +393,7 @@ def test_a_second_node_in_a_role_of_the_kart_stops_it_until_it_has_left(
     with RosSide('second', race.bridge.domain) as second:
         publish(Odometry, 'odom', 10)(second)
         wait_for_stop(f'{several}odom: /second, /team')
-        race.official.command('all_kill')
+        race.control.say(RED_RED)
         race.team.wait_for(lambda told: state_of(told.commanded) is RED_RED, 'the stop')
         for _ in range(100):
             answer = race.team.acknowledge(RED_RED)
@@ -456,36 +429,27 @@ def test_a_remote_or_contact_that_is_wired_stops_the_kart_unless_it_is_certainly
 # ----- a kart that stops itself ------------------------------------------------------------
 
 
-def reports(state: RaceState) -> Callable[[KartStatus], bool]:
-    return lambda kart: state_of(kart.reported) is state
-
-
 def test_a_kart_that_stops_itself_in_green_green_says_red_red_once_it_stands(
-    start_race: StartRace,
+    kart: OneKartRace,
 ) -> None:
-    race = start_race(auto_acknowledge_stop=True, standstill_time=0.2)
-    race.team.drive_at(0.0)
-    race.green()
-    race.team.drive_at(3.0)
-    race.team.wait_until_polled(
-        lambda: race.team.acknowledge(GREEN_GREEN).success, 'an acknowledgement'
-    )
-    race.official.wait_for_acks(GREEN_GREEN, 1)
-    stopped = race.team.team_stop(True)
-    told = race.team.wait_for_state(RED_RED)
+    kart.green()
+    kart.team.drive_at(3.0)
+    kart.acknowledge(GREEN_GREEN)
+    stopped = kart.team.team_stop(True)
+    told = kart.team.wait_for_state(RED_RED)
     assert stopped.message == f'The kart obeys RED_RED: {told.reason}'
     assert (state_of(told.reached), told.acknowledged) == (RED_RED, False)
-    moving = race.team.acknowledge(RED_RED)
+    moving = kart.team.acknowledge(RED_RED)
     assert 'odometry says 3.00 m/s' in moving.message
     assert 'standstill_speed' in moving.message
-    race.official.wait_for_kart(1, reports(GREEN_GREEN), 'racing')
-    race.team.drive_at(0.0)
-    race.official.wait_for_kart(1, reports(RED_RED), 'reported as standing')
-    race.bridge.wait_for_line('RED_RED is acknowledged')
-    assert race.team.team_stop(False).success
-    told = race.team.wait_for(lambda state: not state.team_stop, 'the release')
+    assert kart.control.said is GREEN_GREEN
+    kart.team.drive_at(0.0)
+    kart.control.wait_until_it_says(RED_RED)
+    kart.bridge.wait_for_line('RED_RED is acknowledged')
+    assert kart.team.team_stop(False).success
+    told = kart.team.wait_for(lambda state: not state.team_stop, 'the release')
     assert (state_of(told.commanded), state_of(told.state)) == (GREEN_GREEN, RED_RED)
-    assert race.team.stop is True
+    assert kart.team.stop is True
 
 
 # ----- the bridge's own end ----------------------------------------------------------------
@@ -499,9 +463,9 @@ def test_a_kart_that_stops_itself_in_green_green_says_red_red_once_it_stands(
     ],
 )
 def test_a_bridge_that_fails_or_does_not_hear_its_team_stops_the_kart(
-    fault: type, reason: str, start_race: StartRace, tmp_path: pathlib.Path
+    fault: type, reason: str, parts: contextlib.ExitStack, tmp_path: pathlib.Path
 ) -> None:
-    race = start_race(program=program_of(fault, tmp_path))
+    race = OneKartRace(parts, program_of(fault, tmp_path))
     with start_stack(race.bridge.domain) as stack:
         race.drive(stack)
         assert reason in race.team.wait_for_state(RED_RED).reason
@@ -514,9 +478,9 @@ def test_a_bridge_that_fails_or_does_not_hear_its_team_stops_the_kart(
 
 
 def test_a_stack_that_fails_brakes_to_a_stop(
-    start_race: StartRace, tmp_path: pathlib.Path
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
 ) -> None:
-    race = start_race()
+    race = OneKartRace(parts)
     program = program_of(StackThatRaises, tmp_path)
     with start_stack(race.bridge.domain, program) as stack:
         race.drive(stack)
@@ -561,23 +525,22 @@ def test_a_ros_domain_or_middleware_that_does_not_exist_is_refused_in_one_senten
 
 
 def test_a_driver_by_the_plain_state_stops_when_that_is_silent_and_needs_a_new_grid_to_start(
-    start_race: StartRace, start_base: StartBase, parts: contextlib.ExitStack
+    kart: OneKartRace, start_base: StartBase, parts: contextlib.ExitStack
 ) -> None:
-    race = start_race()
-    base = start_base(race.bridge)
-    told = race.team.hear(Twist, '/cmd_vel')
+    base = start_base(kart.bridge)
+    told = kart.team.hear(Twist, '/cmd_vel')
 
     def start_driver() -> Process:
-        domain = race.bridge.domain
+        domain = kart.bridge.domain
         return parts.enter_context(Process('evgp_kart_bridge', 'plain_driver', domain))
 
     def check_that_it_stands() -> None:
         told.clear()
-        race.team.wait_until(lambda: len(told) > 20, lambda: 'commands')
+        kart.team.wait_until(lambda: len(told) > 20, lambda: 'commands')
         assert {command.linear.x for command in told} == {0.0}
 
     def go() -> None:
-        race.green()  # the test's team acknowledges
+        kart.green()  # the test's team acknowledges
         base.wait_for_speed(lambda speed: speed > 1.0)
 
     driver = start_driver()
@@ -589,17 +552,14 @@ def test_a_driver_by_the_plain_state_stops_when_that_is_silent_and_needs_a_new_g
     driver.wait_for_line('GREEN_GREEN: waiting for the next GRID_ACTIVE')
     check_that_it_stands()
 
-    race.official.command('all_kill')
-    race.team.wait_for_state(RED_RED)
-    assert race.team.acknowledge(RED_RED).success
-    race.official.bring_to(IN_GARAGE, 1)
+    kart.command(IN_GARAGE)
     driver.wait_for_line('IN_GARAGE')
     go()
-    race.bridge.signal(signal.SIGSTOP)
+    kart.bridge.signal(signal.SIGSTOP)
     driver.wait_for_line('nothing on kart_bridge/state for 0.5 s: stopping')
     base.wait_for_speed(lambda speed: speed == 0.0)
     driver.lines.clear()
-    race.bridge.signal(signal.SIGCONT)
+    kart.bridge.signal(signal.SIGCONT)
     # After 1 s of silence the bridge itself goes to RED_RED; it may have been frozen for less.
     driver.wait_for_line(r'waiting for the next GRID_ACTIVE|: RED_RED$')
     check_that_it_stands()
