@@ -13,15 +13,11 @@ from typing import Any
 from evgp_kart_bridge.example_stack import ExampleStack
 from evgp_kart_bridge.node import KartBridge
 from evgp_kart_bridge.orders import Order
-from evgp_kart_bridge.shortest_stack import Stack
 from evgp_node.process import run_node
-from evgp_node.states import state_of
 from evgp_rcs.ros.node import RcsNode
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import Answer, Command
-from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
-from rclpy.clock import Clock, ClockType
 
 FAULT_SPEED = 2.0
 """The fault shows above this speed, in m/s."""
@@ -52,36 +48,6 @@ class StackThatRaises(ExampleStack):
         if self._speed > FAULT_SPEED:
             raise LookupError('the fault')
         super()._acknowledge(order)
-
-
-class StackThatAnswersTheLatest(Stack):
-    """
-    Acknowledges whatever is commanded by now, by what it reached before.
-
-    These are the lines that README had: the state that is reached and the one that is commanded
-    are compared in a timer of their own (here more often, so that the fault shows sooner).
-    """
-
-    beside = ()
-
-    def __init__(self, on_failure: object) -> None:
-        super().__init__()
-        self.reached = False
-        self.bridge = self.create_client(Acknowledge, 'kart_bridge/acknowledge')
-        self.create_timer(0.07, self.answer, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def step(self) -> None:
-        self.reached = self.drive(self.watch.state)
-
-    def answer(self) -> None:
-        told = self.watch.message
-        if told is None or not self.reached or told.acknowledged:
-            return
-        if state_of(told.commanded) is self.watch.state:
-            self.bridge.call_async(Acknowledge.Request(order=told.order, reached=told.commanded))
-
-    def close(self) -> None:
-        """End; the base brakes by itself."""
 
 
 class RaceControlThatTakesNoStops(RcsNode):
