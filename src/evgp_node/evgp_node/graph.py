@@ -339,23 +339,15 @@ def reachable_at() -> tuple[str, ...]:
     """
     Return the IPv4 addresses at which other machines can reach the graph of this process.
 
-    They are read from the UDP sockets and from the kernel's filters on them. `EVERY` means every
-    address of this machine.
+    They are the address that `INTERFACE` names and all others of its interface, because the fence
+    (`fence_graph`) accepts everything that arrives there.
     """
-    there = interfaces()
-    addresses: set[str] = set()
-    with udp_sockets() as found:
-        for each, bound in found:
-            if not _is_open(bound):
-                addresses.add(bound)
-                continue
-            through = _filtered_interfaces(each)
-            if through is None:
-                addresses.add(EVERY)
-            else:
-                addresses.update(own for own, card in there.items() if card.number in through)
-    beyond = [each for each in addresses if not ipaddress.IPv4Address(each).is_loopback]
-    return tuple(sorted(beyond, key=ipaddress.IPv4Address))
+    named = os.environ.get(INTERFACE, '').strip()
+    if not named:
+        return ()
+    card = interfaces().get(named)
+    own = {ipaddress.IPv4Address(named), *(each.ip for each in (card.addresses if card else ()))}
+    return tuple(str(each) for each in sorted(own) if not each.is_loopback)
 
 
 def refuse_open_graph(kart_address: str) -> None:
@@ -369,35 +361,23 @@ def refuse_open_graph(kart_address: str) -> None:
     """
     if is_security_enforced() or ipaddress.IPv4Address(kart_address).is_loopback:
         return
-    there = interfaces()
-    meeting = [
-        each
-        for each in reachable_at()
-        if EVERY in (each, kart_address)
-        or there.get(each, each) == there.get(kart_address, kart_address)
-    ]
-    if not meeting:
+    at = reachable_at()
+    if not at or kart_address not in (EVERY, *at):
         return
-    at = 'every address' if EVERY in meeting else ' and '.join(meeting)
     karts = 'every address' if kart_address == EVERY else kart_address
     raise GraphError(
-        f'karts connect at {karts}, and the ROS graph can be reached at {at}, so anyone on the '
-        "karts' network could start karts. Set the parameter address (make run ADDRESS=...) to "
-        "this machine's address on the karts' network, and officials (OFFICIALS=...) to the one "
-        "on the officials' network, or leave officials out. For other ways, see docs/security.md"
+        f'karts connect at {karts}, and the ROS graph can be reached at {" and ".join(at)}, so '
+        "anyone on the karts' network could start karts. Set the parameter address (make run "
+        "ADDRESS=...) to this machine's address on the karts' network, and officials "
+        "(OFFICIALS=...) to the one on the officials' network, or leave officials out. For other "
+        'ways, see docs/security.md'
     )
-
-
-def reachable_in_words() -> str:
-    """Return the addresses of `reachable_at` as text; empty if there are none."""
-    beyond = reachable_at()
-    return 'every address of this machine' if EVERY in beyond else ' and '.join(beyond)
 
 
 def where_reachable() -> str:
     """Return a sentence that says where the graph of this process can be reached."""
     graph = f'The ROS graph of domain {os.environ.get(DOMAIN) or 0}'
-    at = reachable_in_words()
+    at = ' and '.join(reachable_at())
     if not at:
         return f'{graph} can be reached only from this machine'
     secured = ', and requires keys (SROS2)' if is_security_enforced() else ''
@@ -525,12 +505,11 @@ def _named_interface() -> str:
 
 _DESCRIPTORS = pathlib.Path('/proc/self/fd')
 _NETWORK = pathlib.Path('/proc/thread-self/net')
-_SO_ATTACH_FILTER = _SO_GET_FILTER = 26
+_SO_ATTACH_FILTER = 26
 _SO_TIMESTAMPNS = 35
 _LOAD_INTERFACE = (0x20, 0, 0, 0xFFFFF000 + 8)  # BPF_LD | BPF_W | BPF_ABS, SKF_AD_IFINDEX
 _JUMP_IF_EQUAL = 0x15  # BPF_JMP | BPF_JEQ | BPF_K
 _RETURN = 0x06  # BPF_RET | BPF_K
-_LIBC = ctypes.CDLL(None, use_errno=True)
 
 
 def interfaces() -> dict[str, Card]:
@@ -623,19 +602,6 @@ def _attach_filter(to: socket.socket, indices: list[int]) -> None:
         _SO_ATTACH_FILTER,
         struct.pack('HP', len(program), ctypes.addressof(code)),
     )
-
-
-def _filtered_interfaces(of: socket.socket) -> list[int] | None:
-    """Return the numbers of the interfaces to which a socket is restricted; None if to none."""
-    code = ctypes.create_string_buffer(8 * 64)
-    # Unlike other options, this one counts instructions and not bytes.
-    count = ctypes.c_uint32(64)
-    if _LIBC.getsockopt(of.fileno(), socket.SOL_SOCKET, _SO_GET_FILTER, code, ctypes.byref(count)):
-        return None
-    program = list(struct.iter_unpack('HBBI', code.raw[: 8 * count.value]))
-    if not program or program[0] != _LOAD_INTERFACE:
-        return None
-    return [value for operation, _, _, value in program if operation == _JUMP_IF_EQUAL]
 
 
 if __name__ == '__main__':

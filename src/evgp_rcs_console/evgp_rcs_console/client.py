@@ -26,7 +26,7 @@ from typing import Any, Protocol, TypeVar
 import uuid
 
 from evgp_node.codec import value_of
-from evgp_node.graph import fence_graph, reachable_in_words
+from evgp_node.graph import fence_graph, reachable_at
 from evgp_node.official import MOST_OF_NAME
 from evgp_node.process import wait_until_heard
 from evgp_node.qos import latched, volatile
@@ -406,6 +406,6 @@ def domain_of() -> int:
 
 def looking(topic: str) -> str:
     """Return a phrase that says where a client looks for race control."""
-    at = reachable_in_words()
+    at = ' and '.join(reachable_at())
     where = f'at {at}' if at else 'on this machine only (OFFICIALS= is not set)'
     return f'{topic} in ROS domain {domain_of()}, {where}'
