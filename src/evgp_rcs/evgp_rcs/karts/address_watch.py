@@ -50,12 +50,6 @@ ANNOUNCEMENTS = 5
 does so more than once in case an announcement is lost. Until one arrives, machines may still send
 to the previous owner of the address."""
 
-CLAIMS = 3
-"""Number of times that race control claims the address again before it ends because another
-machine has the address. The other machine may not have been asking at that moment."""
-
-_CLAIM_EVERY = 0.1
-
 MOST_BLIND = 5
 """Maximum number of consecutive failed checks of the interfaces. One more ends race control."""
 
@@ -519,14 +513,7 @@ class AddressWatch:
                 self.cut_off = cut_off
                 self._notify()
         if self.answer:
-            # If this race control has served karts, it claims the address again, so that the other
-            # machine notices.
-            serves = self._on_news is not None
             self._notify()
-            for _ in range(CLAIMS if serves else 0):
-                for question in lookout.asked:
-                    asker.announce(question)
-                self._closing.wait(_CLAIM_EVERY)
 
     def _notify(self) -> None:
         if self._on_news is not None:

@@ -269,8 +269,6 @@ class RcsNode(StrictNode):
                 f"{found}, which is race control's. {ENDS}, and unplug one of the two machines",
                 AddressTakenError(self._watch.answer),
             )
-            # Do this now, because the watch next announces this machine to the karts.
-            self._server.end(in_order=False)
         else:
             self._give_sign_of_life()
 
