@@ -29,7 +29,7 @@ import sys
 import tempfile
 import threading
 
-from evgp_node.network_cards import Card, CardNews, cards
+from evgp_node.network_cards import Card, card_news, cards, forget_news
 from rclpy.utilities import get_rmw_implementation_identifier
 
 INTERFACE = 'EVGP_GRAPH_INTERFACE'
@@ -237,20 +237,20 @@ def fence_graph() -> None:
         _followed.add(named)
         # Create this socket here, because it belongs to the network of the thread that creates it.
         threading.Thread(
-            target=_follow, args=(named, CardNews()), name='fence', daemon=True
+            target=_follow, args=(named, card_news()), name='fence', daemon=True
         ).start()
 
 
 _followed: set[str] = set()
 
 
-def _follow(named: str, news: CardNews) -> None:
+def _follow(named: str, news: socket.socket) -> None:
     """Renew the fence whenever an interface or an address of this machine comes or goes."""
     while True:
         with contextlib.suppress(OSError):  # the address is gone again
             _fence(named)
-        select.select([news.file], [], [])
-        news.gone()
+        select.select([news], [], [])
+        forget_news(news)
 
 
 def _fence(named: str) -> None:

@@ -22,7 +22,7 @@ LOOPBACK_CARD = 'lo'
 """Name of the loopback interface. Its other end is always this machine."""
 
 _DUMP = 0x0301  # NLM_F_REQUEST | NLM_F_DUMP
-_DONE, _NEW_LINK, _GET_LINK, _NEW_ADDRESS, _GONE_ADDRESS, _GET_ADDRESS = 3, 16, 18, 20, 21, 22
+_DONE, _NEW_LINK, _GET_LINK, _NEW_ADDRESS, _GET_ADDRESS = 3, 16, 18, 20, 22
 _HEAD = struct.Struct('=IHHII')
 _LINK = struct.Struct('=BxHiII')
 _ADDRESS = struct.Struct('=BBBBI')
@@ -77,38 +77,33 @@ def cards() -> tuple[Card, ...]:
                 int.from_bytes(about.get(_TIMES_DOWN, b''), sys.byteorder),
             )
         for _, body in _asked(kernel, _GET_ADDRESS, _ADDRESS.pack(socket.AF_INET, 0, 0, 0, 0)):
-            index, address = _address(body)
+            _, prefix, _, _, index = _ADDRESS.unpack_from(body)
+            about = dict(_attributes(body, _ADDRESS.size))
+            # IFA_ADDRESS, the second one, can be the address of the other end.
+            address = ipaddress.IPv4Interface((about.get(_LOCAL) or about[1], prefix))
             if index in found:
                 card = found[index]
                 found[index] = card._replace(addresses=(*card.addresses, address))
     return tuple(found.values())
 
 
-class CardNews:
+def card_news() -> socket.socket:
     """
-    A watch that notices when an interface or an address appears, changes or disappears.
+    Return a socket that can be read when an interface or an address comes, changes or goes.
 
-    :ivar file: a socket that becomes readable when this happens.
+    What it says does not matter (`forget_news`), because `cards` says what there is then.
     """
+    news = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE)
+    news.bind((0, _LINKS_AND_ADDRESSES))
+    news.setblocking(False)
+    return news
 
-    def __init__(self) -> None:
-        self.file = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE)
-        self.file.bind((0, _LINKS_AND_ADDRESSES))
-        self.file.setblocking(False)
 
-    def gone(self) -> set[str]:
-        """Return the addresses that were removed since the last call."""
-        found = set()
-        # An overflow (ENOBUFS) does no harm, because the caller checks the interfaces anyway.
-        with contextlib.suppress(OSError):  # above all BlockingIOError
-            while True:
-                for kind, body in _messages(self.file.recv(_BYTES)):
-                    if kind == _GONE_ADDRESS:
-                        found.add(str(_address(body)[1].ip))
-        return found
-
-    def close(self) -> None:
-        self.file.close()
+def forget_news(news: socket.socket) -> None:
+    """Read everything that waits in a socket of `card_news`."""
+    with contextlib.suppress(OSError):  # above all BlockingIOError; ENOBUFS does no harm
+        while True:
+            news.recv(_BYTES)
 
 
 def _asked(kernel: socket.socket, kind: int, body: bytes) -> Iterator[tuple[int, bytes]]:
@@ -137,10 +132,3 @@ def _attributes(data: bytes, at: int) -> Iterator[tuple[int, bytes]]:
         begin, end = at + _ATTRIBUTE.size, at + length
         yield kind & 0x3FFF, data[begin:end]
         at += (length + 3) & ~3
-
-
-def _address(body: bytes) -> tuple[int, ipaddress.IPv4Interface]:
-    _, prefix, _, _, index = _ADDRESS.unpack_from(body)
-    about = dict(_attributes(body, _ADDRESS.size))
-    own = about.get(_LOCAL) or about[1]  # IFA_ADDRESS, which can be the address of the other end
-    return index, ipaddress.IPv4Interface((own, prefix))

@@ -34,7 +34,7 @@ import threading
 from typing import NamedTuple
 
 from evgp_node.graph import EVERY
-from evgp_node.network_cards import Card, CardNews, cards, LOOPBACK_CARD
+from evgp_node.network_cards import Card, card_news, cards, forget_news, LOOPBACK_CARD
 from evgp_protocol import clock
 
 ASK_EVERY = 0.5
@@ -191,23 +191,14 @@ class Lookout:
         """Return the questions that can be asked now."""
         return [each for each in self._asked if each.can_be_asked]
 
-    def see(self, there: Sequence[Card], gone: Iterable[str], now: float) -> None:
-        """
-        Update what is known from the current interfaces.
-
-        :param there: the current interfaces.
-        :param gone: the addresses that were removed since the last check.
-        :param now: the time, in seconds.
-        """
+    def see(self, there: Sequence[Card], now: float) -> None:
+        """Update what is known from the current interfaces at this time (s)."""
         # Keep the previous hardware addresses as well. A packet that this machine sent a moment
         # ago may arrive at another of its interfaces now.
         own = frozenset(each.hardware for each in there if each.name != LOOPBACK_CARD)
         self._own, self._owned = own, self._own
         kept = {
-            (str(own.ip), card._replace(addresses=()))
-            for card in there
-            for own in card.addresses
-            if str(own.ip) not in gone
+            (str(own.ip), card._replace(addresses=())) for card in there for own in card.addresses
         }
         for question in self._asked:
             if question.card.plugged and question not in kept:
@@ -433,10 +424,10 @@ class AddressWatch:
     ) -> None:
         self._announces = announces
         self._asker = _an_asker()
-        self._news = CardNews()
+        self._news = card_news()
         self._lookout = Lookout(asks)
         self._there = cards()
-        self._lookout.see(self._there, (), clock.now())
+        self._lookout.see(self._there, clock.now())
         self._began = clock.now()
         self.cut_off = self.answer = ''
         self.error: BaseException | None = None
@@ -497,15 +488,15 @@ class AddressWatch:
                 asker.ask(question)
                 if announce and self._announces:
                     asker.announce(question)
-            select.select([self._news.file.fileno(), *asker.files], [], [], ASK_EVERY)
-            gone = self._news.gone()
+            select.select([self._news.fileno(), *asker.files], [], [], ASK_EVERY)
+            forget_news(self._news)
             try:
                 there, blind = cards(), 0
             except OSError:  # most likely no file descriptor is left
                 blind += 1
                 if blind > MOST_BLIND:
                     raise
-            lookout.see(there, gone, clock.now())
+            lookout.see(there, clock.now())
             self.answer = next(filter(None, map(lookout.hear, asker.claims())), '')
             # Before `tell`, keep a loss even if it has ended, so that `on_news` still reports it.
             cut_off = lookout.cut_off
