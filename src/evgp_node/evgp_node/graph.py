@@ -227,7 +227,7 @@ def fence_graph() -> None:
     named = _named_interface()
     _fence(named)
     with udp_sockets() as found:
-        listens = any(_is_read(each) for each, _ in found)
+        listens = any(map(_is_read, found))
     if not listens:
         raise NotNowError(
             'too many ROS processes are running on this machine, so this one cannot be reached. A '
@@ -259,10 +259,10 @@ def _fence(named: str) -> None:
     with contextlib.suppress(KeyError, OSError):  # the interface was unplugged
         indices.append(interfaces()[named].number)
     with udp_sockets() as found:
-        for each, bound in found:
+        for each in found:
             _attach_filter(each, indices)
             if len(indices) > 1:
-                _renew_multicast(each, bound, named)
+                _renew_multicast(each, named)
 
 
 def keep_to_interface(server: socket.socket, address: str) -> None:
@@ -315,7 +315,7 @@ class Inbox:
 
     def __init__(self) -> None:
         with udp_sockets() as found:
-            read = {os.fstat(each.fileno()).st_ino: each for each, _ in found if _is_read(each)}
+            read = {os.fstat(each.fileno()).st_ino: each for each in found if _is_read(each)}
             self._sockets = [each.dup() for each in read.values()]
         self._oldest = [(b'', 0)] * len(self._sockets)
         for each in self._sockets:
@@ -518,14 +518,9 @@ def interfaces() -> dict[str, Card]:
 
 
 @contextlib.contextmanager
-def udp_sockets() -> Iterator[list[tuple[socket.socket, str]]]:
-    """Provide each UDP socket of this process, with the IPv4 address to which it is bound."""
-    bound = {}
-    for line in _lines(_NETWORK / 'udp'):
-        number = bytes.fromhex(line[1].partition(':')[0])
-        bound[line[9]] = socket.inet_ntoa(number[::-1])
-    for line in _lines(_NETWORK / 'udp6'):
-        bound[line[9]] = EVERY  # our programs open none, so any must be noticed
+def udp_sockets() -> Iterator[list[socket.socket]]:
+    """Provide each UDP socket of this process in the network of the calling thread."""
+    numbers = {line[9] for name in ('udp', 'udp6') for line in _lines(_NETWORK / name)}
     with contextlib.ExitStack() as stack:
         found = []
         for own in list(_DESCRIPTORS.iterdir()):
@@ -535,12 +530,10 @@ def udp_sockets() -> Iterator[list[tuple[socket.socket, str]]]:
             except OSError:
                 continue
             what = str((_DESCRIPTORS / str(descriptor)).readlink())
-            address = bound.get(what.removeprefix('socket:[').removesuffix(']'))
-            if address is None:
-                os.close(descriptor)
+            if what.removeprefix('socket:[').removesuffix(']') in numbers:
+                found.append(stack.enter_context(socket.socket(fileno=descriptor)))
             else:
-                each = stack.enter_context(socket.socket(fileno=descriptor))
-                found.append((each, address))
+                os.close(descriptor)
         yield found
 
 
@@ -564,12 +557,13 @@ def _oldest_arrival(each: socket.socket) -> bytes:
     return next((data for _, kind, data in further if kind == _SO_TIMESTAMPNS), b'')
 
 
-def _renew_multicast(each: socket.socket, bound: str, named: str) -> None:
+def _renew_multicast(each: socket.socket, named: str) -> None:
     """Let a socket send and receive multicast on the interface that has this address now."""
+    bound = ipaddress.ip_address(each.getsockname()[0])
     if _sends_multicast_at(each) == named:
         # The kernel has stored the interface's number and not its address.
         each.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(named))
-    elif _is_open(bound):
+    elif bound.is_multicast or bound.is_unspecified:  # and so open to several interfaces
         membership = socket.inet_aton(_DISCOVERY_GROUP) + socket.inet_aton(named)
         for option in (socket.IP_DROP_MEMBERSHIP, socket.IP_ADD_MEMBERSHIP):
             with contextlib.suppress(OSError):  # not a member, or the address is gone
@@ -580,11 +574,6 @@ def _lines(path: pathlib.Path) -> list[list[str]]:
     with contextlib.suppress(FileNotFoundError), path.open(encoding='ascii') as file:
         return [line.split() for line in file][1:]
     return []  # a machine without IPv6
-
-
-def _is_open(address: str) -> bool:
-    """Return whether a socket bound to this address is open to more than one interface."""
-    return address == EVERY or ipaddress.IPv4Address(address).is_multicast
 
 
 def _attach_filter(to: socket.socket, indices: list[int]) -> None:
