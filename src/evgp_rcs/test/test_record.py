@@ -248,3 +248,7 @@ def test_entries_without_events_wait_for_others_but_not_for_long_and_the_rest_fo
             put(record, urgent, first=2)
         assert record.due_in() == 0.0
         assert record.write()
+    put(record, Tick(3.0), first=3)
+    record.end()  # which waits for no event, either
+    with contextlib.closing(open_for_reading(path)) as database:
+        assert [*entries_of(blocks_of(database, 1))][-1] == Tick(3.0)
