@@ -385,7 +385,6 @@ def where_reachable() -> str:
 
 
 def is_security_enforced() -> bool:
-    """Return whether SROS2 keeps programs without a key out of the graph."""
     return (
         os.environ.get('ROS_SECURITY_ENABLE') == 'true'
         and os.environ.get('ROS_SECURITY_STRATEGY') == 'Enforce'

@@ -39,12 +39,10 @@ class Card(NamedTuple):
     """
     A network interface.
 
-    :param name: name of the interface, such as eth0.
     :param number: the kernel's number of the interface, which changes when it is unplugged.
     :param hardware: hardware address, such as 02:00:00:00:00:01. Empty if it has none.
     :param plugged: whether the interface is up and has a cable or a WLAN.
     :param losses: how often the interface has lost its cable or WLAN so far.
-    :param addresses: IPv4 addresses of the interface, with their networks.
     """
 
     name: str

@@ -73,7 +73,6 @@ def run_node(
     :param name: name of the program, with which each error message on stderr begins.
     :param make_node: a function that creates the node. Its argument is a function for the node to
         call, in any thread, when it cannot go on.
-    :param args: command-line arguments; None for those of this process.
     :param refusals: exceptions that mean, like `ParameterError`, that a setting is wrong;
         `make_node` raises them, or the node reports them later.
     :param obstacles: exceptions that `make_node` raises if something is in the way for now.

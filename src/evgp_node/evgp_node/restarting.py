@@ -62,7 +62,6 @@ class Ends:
         Record an end of the program, and return whether it is final.
 
         :param code: exit code of the program, or the negative number of the signal that ended it.
-        :param now: the time by the same clock, in seconds.
         """
         if code not in (WRONG_SETTING, IN_THE_WAY):
             # The program was up with these settings, so a later refusal may be due to its own
@@ -79,9 +78,8 @@ class Ends:
 
 def keep_running(command: Sequence[str], *, gives_way: bool = False) -> int:
     """
-    Run a program until it ends for good.
+    Run a program until it ends for good (`Ends`).
 
-    :param gives_way: as for `Ends`.
     :return: the program's exit code, or 128 plus the number of the signal that ended it; 0 if a
         signal came while the program was not running.
     """

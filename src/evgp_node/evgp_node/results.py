@@ -130,7 +130,6 @@ class KartResult(NamedTuple):
 
     @property
     def best(self) -> float | None:
-        """Return the kart's best lap time, in seconds; None if the kart has no lap."""
         return min(self.lap_times, default=None)
 
     @property
@@ -142,7 +141,6 @@ class KartResult(NamedTuple):
 
     @property
     def last(self) -> float | None:
-        """Return the kart's last lap time, in seconds; None if the kart has no lap."""
         return next(reversed(self.lap_times), None)
 
 
@@ -179,8 +177,6 @@ class Correction(NamedTuple):
     :param transponder: the transponder, for GIVE.
     :param seconds: time to add, in seconds, for PENALISE.
     :param laps: number of laps to deduct, for PENALISE.
-    :param disqualified: whether to disqualify the kart, for PENALISE.
-    :param reason: why the official makes the correction.
     """
 
     act: Act

@@ -68,11 +68,8 @@ class RosterEntry:
     One kart in the roster.
 
     :ivar number: number of the kart, from 1 to 9999.
-    :ivar team: name of the team.
-    :ivar address: IPv4 address of the kart.
     :ivar in_race: whether the kart is in the first race.
     :ivar inspected: date of the kart's inspection, YYYY-MM-DD; empty if there was none.
-    :ivar transponders: the kart's own transponders.
     """
 
     number: int
@@ -306,11 +303,7 @@ class _Loader(yaml.SafeLoader):
 
 
 class _Reading:
-    """
-    The reading of one text, which collects all faults to report them together.
-
-    :ivar faults: the faults so far.
-    """
+    """The reading of one text, which collects all faults to report them together."""
 
     def __init__(self) -> None:
         self.faults: list[_FaultError] = []
@@ -399,7 +392,6 @@ class _Reading:
         return karts
 
     def _heats(self, node: yaml.Node) -> list[dict[str, Any]]:
-        """Check each heat on its own and against the karts, and return its fields."""
         right = "write each as '  Heat 1: [1, 2, 3]'"
         if not isinstance(node, yaml.MappingNode):
             raise _fault(node, f"'heats' is not a list of names, each with its karts; {right}")

@@ -28,10 +28,9 @@ class DamagedError(ValueError):
 
 class Began(NamedTuple):
     """
-    The first entry of a stream.
+    The first entry of a stream, with its wall time (ns since the epoch).
 
     :param run: id of the run; in the timekeeper's book, of the machine's start.
-    :param wall_ns: wall time when the stream began, in ns since the epoch.
     """
 
     run: str
@@ -57,19 +56,13 @@ class Gap(NamedTuple):
 
 
 class Block(NamedTuple):
-    """
-    A part of a stream.
-
-    :param entries: number of entries in the stream before this block.
-    :param data: this block's entries, encoded.
-    """
+    """A part of a stream: the number of entries before it, and its own entries, encoded."""
 
     entries: int
     data: bytes
 
     @property
     def length(self) -> int:
-        """Return the number of the block's own entries."""
         return self.data.count(b'\n')
 
     def compressed(self) -> bytes:

@@ -49,7 +49,6 @@ def run_window(
     :param open_window: opens the window and its ROS client. Its argument is Qt's application. It
         returns a function that closes both.
     :param not_allowed: sentence for stderr if ROS does not allow the client, with ``{error}``.
-    :param arguments: command-line arguments; None for those of this process.
     :return: 2 if Qt or a screen is missing, or a setting is wrong. Otherwise the process ends in
         here: with 0 after an orderly end; with 1, and a sentence on stderr, if ROS does not end in
         time.

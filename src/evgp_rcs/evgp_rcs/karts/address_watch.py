@@ -77,9 +77,6 @@ class Claim(NamedTuple):
     """
     A machine's claim, heard at an interface, that it has an address.
 
-    :param interface: name of the interface.
-    :param address: the IPv4 address.
-    :param hardware: hardware address of the machine.
     :param alone: whether only the first answer was heard, so that others may be missing.
     """
 
@@ -103,11 +100,9 @@ class Question(NamedTuple):
 
 def packet(hardware: str, sender: str, address: str) -> bytes:
     """
-    Return a broadcast ARP request for an address.
+    Return a broadcast ARP request for an address, from the interface with this hardware address.
 
-    :param hardware: hardware address of the interface that sends the request.
     :param sender: 0.0.0.0 for a probe, or the same address as `address` for an announcement.
-    :param address: the IPv4 address that the request is about.
     """
     own = bytes.fromhex(hardware.replace(':', ''))
     addresses = socket.inet_aton(sender), _NOBODY, socket.inet_aton(address)
@@ -129,8 +124,6 @@ def to_be_asked(host: str, karts: Iterable[str], there: Sequence[Card]) -> tuple
     Return one question for each interface and address through which karts reach race control.
 
     :param host: the address at which race control listens, or `EVERY`.
-    :param karts: the karts' addresses in the roster.
-    :param there: the current interfaces of this machine.
     """
     known = [ipaddress.IPv4Address(each) for each in karts]
     return tuple(
@@ -146,11 +139,7 @@ def to_be_asked(host: str, karts: Iterable[str], there: Sequence[Card]) -> tuple
 
 
 class Lookout:
-    """
-    Everything that the watch has found out about race control's addresses so far.
-
-    :param asks: a function that returns the questions to ask at the given interfaces.
-    """
+    """Everything that the watch has found out about race control's addresses so far."""
 
     def __init__(self, asks: Callable[[Sequence[Card]], Sequence[Question]]) -> None:
         self._asks = asks
@@ -293,11 +282,7 @@ class _RawSocket(Asker):
     """An asker with a raw socket. It hears every ARP packet at any interface."""
 
     def __init__(self) -> None:
-        """
-        Open the socket.
-
-        :raises OSError: if this process may not open it.
-        """
+        """Open the socket, or raise an OSError if this process may not."""
         super().__init__()
         kind = socket.SOCK_RAW | socket.SOCK_NONBLOCK
         self._socket = socket.socket(socket.AF_PACKET, kind, socket.htons(_PROTOCOL))
@@ -341,11 +326,7 @@ class _Arping(Asker):
     """An asker with the program ``arping``. It may have a right that this process lacks."""
 
     def __init__(self) -> None:
-        """
-        Look for the program.
-
-        :raises OSError: if it is not installed.
-        """
+        """Look for the program, or raise an OSError if it is not installed."""
         if shutil.which('arping') is None:
             raise FileNotFoundError(errno.ENOENT, 'arping is not installed')
         super().__init__()

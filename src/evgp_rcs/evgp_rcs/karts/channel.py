@@ -58,12 +58,7 @@ class KartServerError(RuntimeError):
 
 @dataclass(frozen=True)
 class ServerSettings:
-    """
-    Settings for the kart server. ``ros.settings`` explains those that are parameters.
-
-    :param host: the parameter ``address``.
-    :param port: the parameter. In tests it is 0, so that the system chooses a port.
-    """
+    """Settings for the kart server (``ros.settings``). In tests, the port is 0, that is, any."""
 
     host: str = '0.0.0.0'
     port: int = DEFAULT_PORT
@@ -76,11 +71,9 @@ class Begin:
     """
     The first message. It contains the roster and the settings to start with.
 
-    :param record: path of the record.
     :param cannot_know: why the ROS half cannot rule out another race control at the same address,
         as a phrase; empty if it can. Otherwise, race control rejects any proof that the last
         run ended normally.
-    :param run: id of this run.
     """
 
     roster: Roster
@@ -93,9 +86,8 @@ class Begin:
 
 class Request(NamedTuple):
     """
-    An official's command.
+    An official's command, with a number that its answer repeats.
 
-    :param number: number of the request, which its answer repeats.
     :param came: when the command arrived, in seconds by the rules' clock.
     """
 
@@ -109,7 +101,6 @@ class Alive(NamedTuple):
     A heartbeat, which shows that the ROS half can still hear officials.
 
     :param rival: whether the ROS half is hearing another race control.
-    :param there: the programs that can stop the race.
     :param cut_off: why karts cannot reach race control now, as a phrase, such as a lost cable or
         address of an interface that they use. Empty if they can.
     """
@@ -159,9 +150,8 @@ class Failed:
     """
     The last message of a kart server that failed, or of one or a record that could not start.
 
-    Before it, a kart server has sent RED_RED to every kart.
-
-    :param text: why and, if it could not start, what to do.
+    Before it, a kart server has sent RED_RED to every kart. The text says why and, if it could not
+    start, what to do.
     """
 
     text: str
@@ -172,11 +162,7 @@ class Failed:
 
 @dataclass(frozen=True)
 class Ended:
-    """
-    The last message, when the run has ended.
-
-    :param ends_as: how the run ended, for the next run.
-    """
+    """The last message, when the run has ended. ``ends_as`` is for the next run."""
 
     ends_as: LastRun
 

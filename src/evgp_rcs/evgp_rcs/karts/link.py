@@ -119,7 +119,6 @@ class KartLink(asyncio.BufferedProtocol):
         """
         Send a new state at once. Frames that have arrived by now cannot answer it.
 
-        :param state: the state.
         :param serial: serial of the order, which `KartServer.link_heard` gets with each report.
         """
         self._frame = FRAMES[state]

@@ -47,12 +47,8 @@ same time to accept the last messages."""
 
 async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> LastRun:
     """
-    Run the kart server until it ends.
+    Run the kart server until it ends, and return how this run ended, for the next run.
 
-    :param begin: the roster and the settings.
-    :param ros_half: this process's end of the socket pair to the ROS half.
-    :param record: the record's process.
-    :returns: how this run ended, for the next run.
     :raises KartServerError: if the kart server cannot start.
     :raises BaseException: the failure that ended the kart server.
     """

@@ -59,9 +59,7 @@ class RecordProcess:
     """
     The record's process, as the kart server sees it. Only ``__init__`` and ``end`` block.
 
-    :param path: the file of the record.
     :param mark: the file of the mark (see ``run_mark.place``).
-    :param run: id of the run.
     :ivar opened: what the process has found at its start.
     :ivar on_saved: called in the loop with `RaceMemory.gridded` of the last memory that is on the
         disk, when this number changes.
@@ -157,12 +155,7 @@ class RecordProcess:
         return f'The record {self._path} fails: {reason}; {self._events} {wait}{lost}'
 
     def end(self, timeout: float, ends_as: LastRun) -> None:
-        """
-        Write what is left and the end of this run, and end the process.
-
-        :param timeout: maximum time to wait for the process, in seconds.
-        :param ends_as: how the run ended, for the next run.
-        """
+        """Write what is left and how the run ended, and end the process, within this time (s)."""
         until = time.monotonic() + timeout
         self._end.send_the_rest(Ended(ends_as), timeout=timeout)
         self._socket.settimeout(max(until - time.monotonic(), 0.01))

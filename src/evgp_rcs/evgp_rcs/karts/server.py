@@ -139,10 +139,7 @@ class KartServer:
     """
     The race and the karts' sockets, in the loop that runs when it is created.
 
-    :param race: the race. Once ``serve`` is called, only this server may use it.
-    :param settings: how to listen and send.
-    :param ros_half: this process's end of the socket pair to the ROS half.
-    :param record: the record's process.
+    Once ``serve`` is called, only this server may use the race.
     """
 
     def __init__(
@@ -152,7 +149,6 @@ class KartServer:
         ros_half: LocalEnd,
         record: RecordProcess,
     ) -> None:
-        """Prepare the server. The port stays closed until ``serve`` is called."""
         self._race = race
         self._settings = settings
         self._ros_half = ros_half
@@ -188,7 +184,6 @@ class KartServer:
         """
         Serve karts until ``end`` is called, and then send every kart RED_RED as its last frame.
 
-        :param left_behind: what is known about the last run.
         :param listening: called with the address and port once karts can connect.
         :returns: how this run ended, for the next run.
         :raises KartServerError: if the server cannot listen at its address.
@@ -249,8 +244,7 @@ class KartServer:
         """
         Make ``serve`` send every kart RED_RED, close every connection, and return.
 
-        :param failure: the exception that ``serve`` raises instead of returning. If there are
-            several, ``serve`` raises the first. ``None`` for a normal end.
+        If there is a failure, ``serve`` raises it instead of returning; of several, the first.
         """
         if self._failure is None:
             self._failure = failure
@@ -370,11 +364,7 @@ class KartServer:
         return inputs.feed(given, self._race)
 
     def _take(self, given: inputs.Input, request: Request | None = None) -> None:
-        """
-        Feed an input to the rules, and then send, answer and publish the results.
-
-        :param request: the request, if the input is its command.
-        """
+        """Feed an input to the rules, send and publish the results, and answer its request."""
         outcome = self._feed(given)
         self._send(outcome)
         if outcome.answer is not None and request is not None:
@@ -393,12 +383,7 @@ class KartServer:
             self._log.add(inputs.Ordered(outcome.orders))
 
     def _publish_outcome(self, events: tuple[Event, ...], at: float) -> None:
-        """
-        Publish the events of the last input.
-
-        :param at: time of the input, in seconds. The events get the same time, so that a replay
-            can compare them.
-        """
+        """Publish the events of an input with its time (s), so that a replay can compare them."""
         published = [
             each for each in events if not each.chatter or self._reports[each.kart].take(at)
         ]

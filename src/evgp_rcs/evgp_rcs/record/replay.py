@@ -49,13 +49,7 @@ step, in seconds."""
 
 
 class Difference(NamedTuple):
-    """
-    A difference between a record and its replay.
-
-    :param what: name of the value that differs.
-    :param recorded: the value in the record.
-    :param replayed: the value in the replay.
-    """
+    """A difference between a record and its replay, in the value that ``what`` names."""
 
     what: str
     recorded: str
@@ -63,11 +57,7 @@ class Difference(NamedTuple):
 
 
 class ClockStep(NamedTuple):
-    """
-    A step of the wall clock against the rules' clock since the previous event.
-
-    :param by: size of the step, in seconds.
-    """
+    """A step of the wall clock against the rules' clock since the previous event, by seconds."""
 
     event: StampedEvent
     by: float
@@ -82,7 +72,6 @@ class Step:
         beginning, the setup.
     :param events: the events in the stream that the entry caused, and the entry itself if it is
         an event.
-    :param orders: the orders in the stream that the entry caused.
     :param race: the race after the entry; None if only the stream is known from here on.
     :param outcome: what the rules make of the entry, if it is an input that they confirm.
     """
@@ -120,7 +109,6 @@ class Replay:
     :ivar inputs: number of inputs up to the end of the replay, or up to the first difference.
     :ivar seconds: time since the run began, up to which the stream was compared, in seconds.
     :ivar missing: a clause that says why the replay ended early; empty if it did not.
-    :ivar clock_steps: the steps of the wall clock against the rules' clock.
     """
 
     def __init__(self, kept: Kept) -> None:
@@ -136,7 +124,6 @@ class Replay:
         self._last: StampedEvent | None = None
 
     def __str__(self) -> str:
-        """Return the counts."""
         return (
             f'{self.inputs} inputs in {self.seconds:.1f} s: {self.orders} orders and '
             f'{self.events} events compared'

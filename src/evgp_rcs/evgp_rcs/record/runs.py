@@ -24,17 +24,8 @@ from evgp_rcs.record.store import is_being_written, Session, sessions
 from evgp_rcs.rules.inputs import entries_of, Entry
 from evgp_rcs.rules.race import StampedEvent
 
-DONE = 0
-"""Exit code: done."""
-
-FAILED = 1
-"""Exit code: the output cannot be written, or a replay has found a difference."""
-
-UNREADABLE = 2
-"""Exit code: the record or the run cannot be read, or the usage is wrong."""
-
-PARTLY = 3
-"""Exit code: done, but incomplete, because the record is damaged."""
+DONE, FAILED, UNREADABLE, PARTLY = range(4)
+"""Exit codes, which the help of ``rcs_record`` explains."""
 
 NIGHT_NS = 6 * 3600 * 10**9
 """Minimum time without race control that separates two days of an event, in nanoseconds. (Dates
@@ -89,7 +80,6 @@ class Kept:
     blocks: list[tuple[int, bytes]]
 
     def entries(self) -> Iterator[Entry | Gap]:
-        """Yield the entries and gaps."""
         return entries_of(self.blocks)
 
     def lines(self) -> Iterator[bytes]:
@@ -99,7 +89,6 @@ class Kept:
                 yield Block.of(data).data
 
     def events(self) -> Iterator[StampedEvent | Gap]:
-        """Yield the events and gaps."""
         for entry in entries_of(self.blocks, only=(StampedEvent,)):
             assert isinstance(entry, StampedEvent | Gap)
             yield entry
@@ -108,9 +97,8 @@ class Kept:
 @dataclasses.dataclass
 class Runs:
     """
-    A record that is open for reading.
+    A record that is open for reading, with its runs, oldest first.
 
-    :param listed: every run, oldest first.
     :param damage: why the file had to be repaired; empty if that was not necessary.
     """
 
@@ -149,7 +137,6 @@ class Runs:
         return day
 
     def read(self, run: Session) -> Kept:
-        """Read the stream of a run."""
         return Kept(run, list(blocks_of(self.database, run.number)))
 
 

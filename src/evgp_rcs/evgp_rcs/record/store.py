@@ -77,7 +77,6 @@ class Session:
     :param events: number of its last event.
     :param last_ns: wall time of its last event.
     :param id: id of the run (``Began``); empty if it cannot be read.
-    :param goes_on: whether race control is still writing it.
     """
 
     number: int
@@ -118,7 +117,6 @@ class Record:
 
     :param path: path of the file, which is created with its folder if necessary. If it cannot be
         written, or is not a record, `error` says why, and ``write`` tries again.
-    :param run: id of the run.
     :raises RecordError: if another running race control is using the record.
     """
 

@@ -70,7 +70,6 @@ class KartServerClient:
     """
     The kart server's process, as the ROS half sees it.
 
-    :param begin: the roster and settings to start with.
     :param on_news: called with events, in order, and with each snapshot of the race, in the
         hearing thread. It must not block.
     :param on_end: called with the reason, in the hearing thread, if the kart server has ended on
@@ -84,7 +83,6 @@ class KartServerClient:
         on_news: Callable[[list[StampedEvent] | Snapshot], None],
         on_end: Callable[[str], None],
     ) -> None:
-        """Prepare the client. Only ``start`` starts the process."""
         self._begin = begin
         self._on_news = on_news
         self._on_end = on_end
@@ -137,7 +135,6 @@ class KartServerClient:
         If no answer comes in time, a stop or RACE_OVER still waits until the kart server judges
         it. Any other command expires.
 
-        :param command: the command.
         :param came: when the command arrived, in seconds by the rules' clock.
         :return: the answer, once the kart server has written every frame. None if it does not
             arrive within `ANSWER_TIMEOUT`.
@@ -157,20 +154,12 @@ class KartServerClient:
         return answer
 
     def alive(self, rival: bool, there: Attendance, cut_off: str) -> None:
-        """
-        Give the kart server a sign of life, to show that the ROS half can receive a stop.
-
-        ``channel.Alive`` explains the parameters.
-        """
+        """Give the kart server a sign of life (``channel.Alive``)."""
         if not self._stopping:
             self._send(Alive(rival, there, cut_off))
 
     def end(self, in_order: bool) -> None:
-        """
-        Tell the kart server to send every kart RED_RED and to end. Return at once.
-
-        :param in_order: whether this is an orderly end (see ``channel.End``).
-        """
+        """Tell the kart server to end, with RED_RED to every kart (``channel.End``)."""
         if self._stopping:
             return
         self._stopping = True

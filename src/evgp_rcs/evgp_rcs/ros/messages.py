@@ -44,7 +44,6 @@ def event_of(message: msg.RaceEvent, said: Callable[[str], str] = str) -> Stampe
     """
     Return the event that a message contains.
 
-    :param message: the message.
     :param said: the conversion of its texts, as for ``value_of``.
     :raises ValueError: if the message is invalid.
     """
@@ -57,7 +56,6 @@ def diagnostics_message(race: Snapshot, wall_ns: int, name: str) -> DiagnosticAr
     """
     Return race control's diagnostics, with one status for the race and one for each kart.
 
-    :param race: the race.
     :param wall_ns: wall time of the message, in ns since the epoch.
     :param name: name of the node, with its namespace.
     """

@@ -137,7 +137,6 @@ class RcsNode(StrictNode):
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
-        """Read the parameters and the roster, start the kart server, and offer the services."""
         super().__init__('rcs', **node_options)
         accept_open_graph = self.declare(
             'accept_open_graph',
@@ -440,7 +439,6 @@ def main(args: list[str] | None = None) -> int:
     """
     Run race control until SIGINT or SIGTERM, and then send every kart RED_RED.
 
-    :param args: command-line arguments; None for those of this process.
     :return: 0 after an orderly end. 1 after a failure, in which every kart was sent RED_RED or
         lost its connection. 2 if a setting is wrong. 3 if another program is in the way. For a few
         seconds after a crash, that may be what is left of race control.

@@ -54,9 +54,7 @@ class Program:
     A program that has announced itself.
 
     :param name: the program's name for officials, with the official who uses it.
-    :param is_button: whether the program is a stop button.
     :param began: when race control first heard the program, in seconds.
-    :param heard: when race control last heard the program, in seconds.
     :param worked: when race control last heard the program without a fault, in seconds.
     :param fault: why the race cannot be stopped from the program, as a sentence. Empty if it can.
     :param replaces: whether the program can still count as the replacement for a missing button.
@@ -75,7 +73,6 @@ class Program:
         return now - self.worked < SILENT_AFTER
 
     def is_gone(self, now: float) -> bool:
-        """Return whether the program has been silent for too long at this time (s)."""
         return now - self.heard >= SILENT_AFTER
 
 
@@ -88,10 +85,8 @@ class Presences:
 
     def hear(self, word: Word, now: float) -> bool:
         """
-        Record a program's message. It may contain anything.
+        Record a program's message, which may contain anything, at this time (s).
 
-        :param word: the message.
-        :param now: the time at which it arrived, in seconds.
         :return: False if `MOST_PROGRAMS` other programs leave no room for this one; otherwise
             True.
         """

@@ -67,11 +67,8 @@ class RacePublisher:
     """
     The publisher of the race, its events, its plain state and diagnostics.
 
-    :param node: the node that publishes.
     :param on_failure: called with the error, in the publisher's thread, if the publisher fails.
     :param banner: text at the top of every screen; empty if there is none.
-    :param officials: names of the event's officials.
-    :param run: id of this run of race control.
     """
 
     def __init__(
@@ -126,9 +123,7 @@ class RacePublisher:
         Publish the alert that a part of race control has failed. Call this after ``stop``.
 
         The alert is added to the last published race. This method waits until subscribers have
-        received the alert.
-
-        :param text: the alert, as a sentence for officials.
+        received the alert, a sentence for officials.
         """
         now, wall_ns = clock.now(), time.time_ns()
         alert = Alert(AlertKind.PART_FAILED, 0, now, text, use_msr=True)

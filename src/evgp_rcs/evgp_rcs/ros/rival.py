@@ -36,8 +36,6 @@ def claim_the_graph(node: Node) -> socket.socket:
     namespace, like the loopback interface that the graph uses. It removes them when the process
     ends.
 
-    :param node: race control's node.
-    :return: the socket, which the caller must keep open.
     :raises RivalError: if another process holds the claim.
     """
     name = node.get_fully_qualified_name()

@@ -61,7 +61,6 @@ def read_roster(path: str) -> Roster:
     """
     Return the part of a roster file that the rules use.
 
-    :param path: path of the file.
     :raises RosterError: if the file cannot be read, or is not a valid roster.
     """
     roster = load_roster(pathlib.Path(path))

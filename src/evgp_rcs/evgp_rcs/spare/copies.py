@@ -84,9 +84,8 @@ def fetch(source: str, roster: str, parameters: str, record: str) -> bytes:
     """
     Fetch race control's files, each of them consistent, and return them as a tar file.
 
-    :param source: ``user@address``, optionally with ``:folder``, or a folder of this machine.
-    :param roster: path of the roster, relative to the folder.
-    :param parameters: path of the file of the parameters, relative to the folder.
+    :param source: ``user@address``, optionally with ``:folder``, or a folder of this machine, to
+        which the other paths may be relative.
     :raises SpareError: if that is not possible now, or takes longer than `COPY_TIMEOUT`.
     """
     remote = _REMOTE.fullmatch(source)
@@ -113,7 +112,6 @@ def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
     Replace the last copy by this one, and return the age of its newest event in seconds.
 
     :param packed: the copy, as from `fetch`.
-    :param source: where the copy comes from, as for `fetch`.
     :param folder: the folder of the copies.
     :raises SpareError: if the copy is incomplete, or cannot be written.
     """
@@ -185,7 +183,6 @@ def _newest_event(record: pathlib.Path) -> int:
 
 
 def copies() -> pathlib.Path:
-    """Return the folder of the copies."""
     return rcs_folder() / 'spare'
 
 
@@ -209,7 +206,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     Copy race control's files repeatedly until Ctrl-C or a takeover, or once.
 
-    :param arguments: command-line arguments; None for those of this process.
     :return: 0, or 1 if the copy failed with ``--once``. After a usage error, the process exits
         with 2.
     """

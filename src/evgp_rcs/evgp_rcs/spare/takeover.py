@@ -172,7 +172,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     Take over race control's address, and run race control.
 
-    :param arguments: command-line arguments; None for those of this process.
     :return: race control's exit code; 2 if there is no copy or a setting is wrong; 3 if the old
         machine answers or may be there, or if another machine gets the address.
     """

@@ -49,12 +49,7 @@ SENDS_RED = frozenset(kind for kind, entry in CATALOGUE.items() if entry.overtak
 
 
 class Happened(NamedTuple):
-    """
-    An event.
-
-    :param at: its time in seconds.
-    :param sequence: its number in the run.
-    """
+    """An event, with its time (s) and its number in the run."""
 
     at: float
     sequence: int
@@ -99,13 +94,7 @@ class Bands(list[Band]):
 
 
 class Lane(NamedTuple):
-    """
-    One kart.
-
-    :param bands: the states that it was sent.
-    :param links: the grades of its link, as names of ``Grade``.
-    :param holds: its own holds; an empty text while it was not held.
-    """
+    """One kart: what it was sent, the grades of its link, and its own holds ('' if not held)."""
 
     kart: int
     team: str
@@ -117,10 +106,9 @@ class Lane(NamedTuple):
 @dataclass
 class Alert:
     """
-    An alert, and how long it lasted.
+    An alert: the event that raised it, and when it ended (s).
 
-    :param event: the event that raised it.
-    :param ended: when it ended; None if it had not, as far as the rules can follow the record.
+    None means that it had not ended, as far as the rules can follow the record.
     """
 
     event: Happened
@@ -199,7 +187,6 @@ class RaceAccount:
         was before the run began.
     :param out: why each starter that dropped out did not finish.
     :param incidents: the events that a jury asks about first.
-    :param stops: the events of stops, of one kart or of all.
     :param incomplete: whether the rules could not follow it to its end.
     """
 
@@ -234,7 +221,6 @@ class RaceAccount:
 
     @property
     def changes(self) -> list[Happened]:
-        """Return the changes of the race's state."""
         return [each for each in self.events if each.event.kind is EventKind.RACE_STATE]
 
     def _first(self, *states: RaceState) -> Happened | None:
@@ -262,8 +248,6 @@ class Account:
     """
     Everything that is known about a run.
 
-    :ivar replay: the replay, with its comparison.
-    :ivar events: all events, in order.
     :ivar length: time of the last event.
     :ivar known_until: time up to which the rules could follow the record; None for all of it.
     :ivar lost: number of connections to karts that were lost in races.
@@ -312,12 +296,10 @@ class Account:
 
     @property
     def commands(self) -> list[Happened]:
-        """Return the events of officials' commands."""
         return [each for each in self.events if each.is_command]
 
     @property
     def teams(self) -> dict[int, str]:
-        """Return the team of each kart."""
         return {lane.kart: lane.team for lane in self.lanes.values()}
 
     @property

@@ -39,7 +39,6 @@ def name(text: str) -> str:
 
 
 def command(kind: CommandKind | None, kart: int = 0) -> str:
-    """Return the name of an official's command."""
     label = CATALOGUE[kind].label if kind else 'a command'
     return f'{label}, kart {kart}' if kart else label
 
@@ -57,7 +56,6 @@ class Clock:
         self.zone = datetime.timezone(offset or datetime.timedelta(0))
 
     def moment(self, wall_ns: int) -> datetime.datetime:
-        """Return a wall time."""
         return datetime.datetime.fromtimestamp(wall_ns / 1e9, self.zone)
 
     def time(self, wall_ns: int, digits: int = 0) -> str:
@@ -76,7 +74,6 @@ class Clock:
         return (_milliseconds(self.began_ns) + round(seconds * 1000)) * 1_000_000
 
     def day(self, wall_ns: int) -> str:
-        """Return the day."""
         moment = self.moment(wall_ns)
         return f'{moment:%A}, {moment.day} {moment:%B %Y}'
 
