@@ -63,7 +63,6 @@ class StrictNode(Node):
     beside: tuple[Node, ...] = ()
 
     def __init__(self, name: str, **node_options: Any) -> None:
-        """Create the node, with only ROS's own parameters declared."""
         try:
             super().__init__(
                 name, automatically_declare_parameters_from_overrides=True, **node_options

@@ -357,7 +357,6 @@ class _Reading:
                 self.faults.append(_FaultError(end.line + 1, CUT))
 
     def _karts(self, node: yaml.Node) -> list[dict[str, Any]]:
-        """Check each kart on its own and against the earlier ones, and return its fields."""
         if not isinstance(node, yaml.SequenceNode):
             raise _fault(node, "'karts' is not a list; begin each kart with '- number: ...'")
         if not node.value:

@@ -102,7 +102,7 @@ class Stream(Generic[_Entry]):
     The encoding of one kind of stream.
 
     :param kinds: types of the entries: named tuples, or dataclasses that can be iterated.
-    :param check: a function that raises ValueError for an invalid entry.
+    :param check: raises ValueError for an invalid entry.
     """
 
     def __init__(

@@ -95,7 +95,6 @@ def open_for_writing(path: pathlib.Path, *tables: str) -> tuple[sqlite3.Connecti
 
 
 def connection(path: pathlib.Path, how: str) -> sqlite3.Connection:
-    """Open a file with parameters of SQLite's, such as ``mode=ro``."""
     return _connect(f'{path.absolute().as_uri()}?{how}', uri=True)
 
 

@@ -62,11 +62,6 @@ exit codes:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """
-    Run the subcommand that the first argument names; by default, print the newest run.
-
-    :return: the exit code; see `NOTES`.
-    """
     options = _options()
     if '_ARGCOMPLETE' in os.environ:  # the shell completes a command line
         import argcomplete

@@ -148,7 +148,7 @@ def clock(seconds: float) -> str:
 
 
 def milliseconds(seconds: float | None) -> str:
-    """Return a time in milliseconds as text, rounded up; empty if there is none."""
+    """Return a time (s) in milliseconds as text, rounded up; empty if there is none."""
     if seconds is None or not math.isfinite(1000 * seconds):
         return ''
     return f'{math.ceil(1000 * seconds)} ms'

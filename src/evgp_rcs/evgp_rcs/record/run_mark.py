@@ -121,7 +121,6 @@ class RunMark:
             self.why = f'{path} is damaged'
 
     def due_in(self) -> float:
-        """Return the time until ``keep`` is due, in seconds."""
         return max(0.0, self._looked_at + KEEP_EVERY - clock.now())
 
     def keep(self) -> None:
@@ -205,7 +204,6 @@ def leave_began(path: pathlib.Path) -> None:
 
 
 def _open_folder(path: pathlib.Path) -> int:
-    """Open the folder of the marks and create it if necessary."""
     with contextlib.suppress(FileExistsError):
         path.mkdir()
         _sync(path.parent)

@@ -41,7 +41,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def main(wanted: argparse.Namespace) -> int:
-    """Print the runs of race control in a record, or the timeline of one."""
     with open_runs(wanted.file) as runs:
         if wanted.list:
             for each in runs.listed:

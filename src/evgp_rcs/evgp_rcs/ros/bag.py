@@ -50,7 +50,6 @@ def write_bag(path: pathlib.Path, messages: Iterable[tuple[str, int, Any]]) -> i
     """
     Write messages to a new bag, and return how many were written.
 
-    :param path: the file of the bag.
     :param messages: the topic, wall time of publication (in ns since the epoch) and content of
         each message.
     :raises FileExistsError: if the file exists already. It is not changed.

@@ -39,7 +39,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def main(wanted: argparse.Namespace) -> int:
-    """Write a run as a bag."""
     try:
         # This import needs ROS and mcap. mcap may be missing, because it has no rosdep key.
         from evgp_rcs.ros.bag import write_bag

@@ -131,12 +131,11 @@ class Presences:
         """Forget programs that are gone, but a button only once another has replaced it."""
         gone = [(key, each) for key, each in self._programs.items() if each.is_gone(now)]
         for key, each in gone:
-            others = self._programs.values()
-            new = (one for one in others if one.is_button and one.began > each.heard)
-            other = next((one for one in new if one.replaces), None)
-            if each.is_button and other is None:
-                continue
-            if each.is_button and other is not None:
+            if each.is_button:
+                buttons = (one for one in self._programs.values() if one.is_button)
+                new = (one for one in buttons if one.began > each.heard and one.replaces)
+                if (other := next(new, None)) is None:
+                    continue
                 other.replaces = False
             del self._programs[key]
 

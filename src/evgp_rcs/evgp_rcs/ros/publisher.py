@@ -109,7 +109,6 @@ class RacePublisher:
         self._happened.put(news)
 
     def start(self) -> None:
-        """Start the publisher's thread."""
         self._thread.start()
 
     def stop(self) -> None:

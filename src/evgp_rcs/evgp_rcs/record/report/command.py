@@ -32,7 +32,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def main(wanted: argparse.Namespace) -> int:
-    """Write the report of one run of a record."""
     with open_runs(wanted.file) as runs:
         run = runs.choose(wanted.run)
         kept = runs.read(run)

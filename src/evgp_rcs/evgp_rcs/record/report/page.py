@@ -85,7 +85,7 @@ def page(runs: Runs, account: Account, sums: Sequence[tuple[str, str]], event_na
     Return the report of a run.
 
     :param sums: what each SHA-256 sum is of, and the sum.
-    :param event_name: name of the event; if empty, the report has a line to fill it in.
+    :param event_name: if empty, the report has a line to fill it in.
     """
     kept = account.kept
     clock = Clock(account.began_ns)
