@@ -233,7 +233,7 @@ def main() -> None:
         'Maintainer: EVGP race control maintainers <evgp-race-control@users.noreply.github.com>\n'
         f'Installed-Size: {size // 1024}\nDepends: {", ".join([python, *DESKTOP.split()])}\n'
         'Recommends: iputils-arping\n'
-        'Suggests: bash-completion, iproute2, openssh-client, sqlite3, sudo\n'
+        'Suggests: bash-completion, iproute2, openssh-client, sudo\n'
         'Description: race control for driverless kart races, with window and rehearsal\n',
     )
     output('chmod', '-R', 'a-s,u=rwX,go=rX', ROOT)  # independent of the umask during the set-up

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Reads the runs in a record and their streams, if necessary from a repaired copy."""
+"""Reads the runs in a record and their streams, also what is left of a damaged one."""
 
 from __future__ import annotations
 
@@ -10,12 +10,8 @@ import contextlib
 import dataclasses
 import os
 import pathlib
-import re
-import shutil
 import sqlite3
-import subprocess
 import sys
-import tempfile
 
 from evgp_node.stream import Block, DamagedError, Gap
 from evgp_node.stream_file import blocks_of, check_version, open_for_reading, OtherFileError
@@ -30,6 +26,9 @@ DONE, FAILED, UNREADABLE, PARTLY = range(4)
 NIGHT_NS = 6 * 3600 * 10**9
 """Minimum time without race control that separates two days of an event, in nanoseconds. (Dates
 would depend on the reader's time zone.)"""
+
+LEAST_OF_BLOCK = 32
+"""Minimum size of a block in the file, in bytes."""
 
 
 class UnreadableError(RuntimeError):
@@ -99,7 +98,7 @@ class Runs:
     """
     A record that is open for reading, with its runs, oldest first.
 
-    :param damage: why the file had to be repaired; empty if that was not necessary.
+    :param damage: what is wrong with the file; empty if nothing is.
     """
 
     file: pathlib.Path
@@ -145,8 +144,8 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
     """
     Open a record for reading, even while race control is writing it.
 
-    If SQLite cannot read the whole file, the runs are read from a copy that SQLite's own recovery
-    has repaired, and a message says so at the end.
+    If SQLite cannot read the whole file, the runs consist of the blocks that it can read, and a
+    message says so at the end.
 
     Close it before anything slow. Until then, part of what race control writes may have to stay in
     SQLite's ``-wal`` beside the record.
@@ -160,10 +159,13 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
             database = stack.enter_context(contextlib.closing(open_for_reading(file)))
             damage = _damage(file, database)
             if damage:
-                folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
-                database = stack.enter_context(contextlib.closing(_mended(file, folder, damage)))
+                database.execute('PRAGMA writable_schema = ON')  # reads a file that was cut off
             _check_schema(file, database)
+            if damage:
+                database = stack.enter_context(contextlib.closing(_what_is_left(file, database)))
             listed = [*sessions(database)]
+            if damage and not listed:
+                raise UnreadableError(f'{file} is damaged ({damage}), and {_NOTHING_LEFT}')
             if listed and is_being_written(file):  # only the newest run
                 listed[-1] = dataclasses.replace(listed[-1], goes_on=True)
             yield Runs(file, database, listed, damage)
@@ -172,7 +174,7 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
     except OSError as error:
         raise UnreadableError(f'{file} cannot be read: {error.strerror or error}') from error
     if damage:
-        say(f'{file} is damaged ({damage}); this is what sqlite3 could recover from it')
+        say(f'{file} is damaged ({damage}); this is what can still be read')
 
 
 def _damage(file: pathlib.Path, database: sqlite3.Connection) -> str:
@@ -193,47 +195,17 @@ def _damage(file: pathlib.Path, database: sqlite3.Connection) -> str:
     return '' if found == 'ok' else str(found).replace('\n', ' ')
 
 
-def _mended(file: pathlib.Path, folder: pathlib.Path, damage: str) -> sqlite3.Connection:
-    """
-    Return what SQLite's own recovery finds in a file.
-
-    :raises UnreadableError: if the program is not installed, or finds nothing.
-    """
-    program = shutil.which('sqlite3')
-    if program is None:
-        raise UnreadableError(
-            f'{file} is damaged ({damage}), and the program sqlite3, which can repair it, is not '
-            'installed here. Install it, or read the record on a computer that has it'
-        )
-    copy = folder / file.name
-    for each in (file, file.with_name(f'{file.name}-wal')):
-        if each.exists():
-            shutil.copyfile(each, folder / each.name)
-    with copy.open('rb') as stream:
-        version = int.from_bytes(stream.read(64)[60:], 'big')
-    # Some distributions build sqlite3 without `.recover`; `.dump` also skips damaged parts.
-    for way in ('.recover', '.dump'):
-        called = [program, '-cmd', 'PRAGMA writable_schema = ON', str(copy), way]
-        found = subprocess.run(called, capture_output=True, check=False)
-        database = sqlite3.connect(folder / f'mended{way}')
-        database.text_factory = lambda text: text.decode(errors='replace')
-        try:
-            database.executescript(_script(found.stdout.decode(errors='replace')))
-            if database.execute('SELECT run, number, data FROM block').fetchone():
-                database.execute(f'PRAGMA user_version = {version}')
-                return database
-        except (sqlite3.Error, ValueError):
-            pass  # this method found nothing
-        database.close()
-    raise UnreadableError(f'{file} is damaged ({damage}), and nothing in it can be read')
-
-
-def _script(found: str) -> str:
-    """Return the program's output as one transaction, in which rows may occur twice."""
-    # The first lines may be commands to sqlite3 itself.
-    found = re.sub(r'\A(\..*\n)+', '', found)
-    found = found.replace('\nROLLBACK; -- due to errors', '\nCOMMIT;')
-    return re.sub('^INSERT INTO', 'INSERT OR IGNORE INTO', found, flags=re.MULTILINE)
+def _what_is_left(file: pathlib.Path, damaged: sqlite3.Connection) -> sqlite3.Connection:
+    """Return the blocks of a damaged record that can be read."""
+    left = sqlite3.connect(':memory:')
+    left.execute('CREATE TABLE block (run, number, data, PRIMARY KEY (run, number))')
+    query = 'SELECT run, number, data FROM block NOT INDEXED WHERE rowid = ?'
+    # One by one: damage in one page ends every search that goes on from row to row.
+    for row in range(1, file.stat().st_size // LEAST_OF_BLOCK):
+        with contextlib.suppress(sqlite3.DatabaseError):
+            found = damaged.execute(query, (row,))
+            left.executemany('INSERT OR IGNORE INTO block VALUES (?, ?, ?)', found)
+    return left
 
 
 def _check_file(file: pathlib.Path) -> None:
@@ -261,6 +233,7 @@ def _check_schema(file: pathlib.Path, database: sqlite3.Connection) -> None:
         ) from error
 
 
+_NOTHING_LEFT = 'nothing in it can be read'
 _NO_DATABASE = 'file is not a database'
 _READ_ONLY = (
     'cannot be opened. If you may not write in its folder, copy the file into a folder of yours, '
@@ -287,5 +260,5 @@ def _is_damage(error: sqlite3.Error) -> bool:
 def _why_unreadable(error: sqlite3.Error) -> str:
     otherwise = 'is not a record of this race control'
     if _is_damage(error):
-        otherwise = 'is damaged, and nothing in it can be read'
+        otherwise = f'is damaged, and {_NOTHING_LEFT}'
     return _WHY_UNREADABLE.get(str(error), f'{otherwise}: {error}')
