@@ -169,17 +169,6 @@ def test_a_stop_has_who_was_told_with_two_times_and_who_was_slowest(paper: Paper
     assert [each and each.kart for each in slowest] == [9, 7, 8, None]
 
 
-def test_a_race_that_goes_over_by_itself_has_a_stop_without_a_command(paper: PaperRace) -> None:
-    paper.go('drive, KART_FINISH 7, KART_FINISH 8, KART_FINISH 9, wait 30')
-    account = paper.account()
-    last = stops(account)[-1]
-    assert last.event.event.kind is EventKind.RACE_STATE
-    stop = account.races[0].stop
-    assert stop == last.event
-    assert (stop.event.command, stop.event.state) == (None, RaceState.RED_RED)
-    assert [each.band.what for each in last.told] == [RED_RED] * 3
-
-
 def test_the_page_has_the_stops_the_refusals_the_corrections_and_the_label_of_each_command(
     paper: PaperRace, tmp_path: pathlib.Path
 ) -> None:
@@ -292,14 +281,15 @@ def test_the_times_that_are_shown_add_up_and_are_rounded_never_cut(
 # ----- places, and why a kart has none ---------------------------------------------------------
 
 
-BECAME: dict[str, tuple[list[int], dict[int, tuple[Why, str]], str]] = {
-    'drive, KART_FINISH 3, KART_FINISH 2, KART_UNDO_FINISH 3': ([2], {}, ''),
+BECAME: dict[str, tuple[list[int], dict[int, tuple[Why, str]], str, str]] = {
+    'drive, KART_FINISH 3, KART_FINISH 2, KART_UNDO_FINISH 3': ([2], {}, '', ''),
     # The one was stopped before its finish was undone; the other drove on.
     'drive, KART_FINISH 3, KART_FINISH 2, KART_UNDO_FINISH 3, wait 13, KART_FINISH 1, '
     'KART_UNDO_FINISH 2, RACE_OVER, go_home': (
         [1],
         {2: (Why.FINISH_UNDONE, 'KART_UNDO_FINISH'), 3: (Why.RACE_STOPPED, 'RACE_OVER')},
         'KART_UNDO_FINISH',
+        'RACE_OVER',
     ),
     # Only the first reason counts, and nothing after a finish takes its place away.
     'drive, wait 1, KART_FINISH 1, KART_FINISH 2, lose 1, KART_RED_RED 2, lose 3, '
@@ -314,16 +304,21 @@ BECAME: dict[str, tuple[list[int], dict[int, tuple[Why, str]], str]] = {
         },
         'DISCONNECTED KART_RED_RED DISCONNECTED KART_RED_FLAG KART_RED_RED DISCONNECTED '
         'RED_FLAG DISCONNECTED KART_RED_RED',
+        'KART_RED_RED KART_RED_FLAG KART_RED_RED RED_FLAG KART_RED_RED RACE_OVER',
     ),
     # A kart takes its stop back.
     'drive, say 1 GRID_ACTIVE, ALL_KILL, acknowledge, say 1 GREEN_GREEN': (
         [],
         {1: (Why.RACE_STOPPED, 'ALL_KILL')},
         'ALL_KILL WITHDRAWN',
+        'ALL_KILL',
     ),
-    'drive, end': ([], {6: (Why.RACE_CONTROL_ENDED, 'ENDED')}, ''),
+    'drive, end': ([], {6: (Why.RACE_CONTROL_ENDED, 'ENDED')}, '', ''),
+    # It goes over by itself.
+    'drive, KART_FINISH 1, KART_FINISH 2, KART_FINISH 3, KART_FINISH 4, KART_FINISH 5, '
+    'KART_FINISH 6, wait 30': ([1, 2, 3, 4, 5, 6], {}, '', 'RACE_STATE'),
 }
-"""Stories of six karts: who has a place, why others do not, and the incidents."""
+"""Stories of six karts: who has a place, why others do not, the incidents and the stops."""
 
 
 @pytest.mark.parametrize('story', BECAME)
@@ -337,12 +332,13 @@ def test_of_each_starter_the_place_is_told_or_why_it_has_none_and_of_the_race_it
     (race,) = account.races
     became = account.results(race)
     out = {each.kart: (each.out.why, each.out.event) for each in became if each.out}
-    places, reasons, incidents = BECAME[story]
+    places, reasons, incidents, stopped = BECAME[story]
     assert [each.kart for each in became if each.place] == places
     assert {*out} == {*paper.race.karts} - {*places}
     for kart, (why, event) in reasons.items():
         assert (out[kart][0], named(out[kart][1])) == (why, event)
     assert ' '.join(map(named, race.incidents)) == incidents
+    assert ' '.join(map(named, race.stops)) == stopped
 
 
 # ----- rcs_record report ----------------------------------------------------------------------
