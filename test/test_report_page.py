@@ -48,33 +48,13 @@ def page_of(paper: PaperRace, folder: pathlib.Path, *results: Standings) -> path
 def incident() -> PaperRace:
     """Return a race with a lost link, a stop to one kart, a refusal and an ALL_KILL."""
     paper = PaperRace({7: 'Purdue', 8: 'Michigan', 9: 'Kennesaw'})
-    paper.connect(7, 8, 9)
-    paper.wait(1.0)
-    for number in (7, 8, 9):
-        paper.measure(number, Grade.GOOD)
-    paper.wait(4.0)
-    paper.command(CommandKind.GRID_ACTIVE)
-    paper.wait(2.0)
-    paper.command(CommandKind.GREEN_GREEN)
-    paper.acknowledge()
-    paper.wait(2.0)
-    paper.command(CommandKind.GREEN_GREEN)
-    paper.acknowledge()
-    paper.wait(10.0)
-    paper.measure(8, Grade.FAIR)
-    paper.wait(10.0)
-    paper.command(CommandKind.KART_RED_RED, 7, official='Grace')
-    paper.deliver(7, 0.024)
-    paper.wait(2.0)
-    paper.measure(8, Grade.POOR)
-    paper.wait(3.0)
-    paper.lose(8)
-    paper.wait(5.0)
-    paper.command(CommandKind.ALL_KILL, official='Grace')
-    paper.wait(2.0)
-    paper.connect(8)
-    paper.go_home()
-    paper.wait(5.0)
+    paper.go(
+        'connect 7 8 9, wait 1, measure 7 GOOD, measure 8 GOOD, measure 9 GOOD, wait 4, '
+        'GRID_ACTIVE, wait 2, GREEN_GREEN, acknowledge, wait 2, GREEN_GREEN, acknowledge, '
+        'wait 10, measure 8 FAIR, wait 10, KART_RED_RED 7 Grace, deliver 7 0.024, wait 2, '
+        'measure 8 POOR, wait 3, lose 8, wait 5, ALL_KILL 0 Grace, wait 2, connect 8, go_home, '
+        'wait 5'
+    )
     return paper
 
 
