@@ -159,7 +159,7 @@ def test_a_silence_of_the_ros_half_means_red_red_to_every_kart_and_wakes_it(
         wakes.close()
 
 
-def test_a_ros_half_that_reads_nothing_holds_nobody_up_and_loses_no_event(
+def test_a_ros_half_that_reads_nothing_holds_nobody_up_and_loses_no_event_and_late_is_only_a_stop(
     half: Half, connect: Connect
 ) -> None:
     client = connect(1)
@@ -180,21 +180,12 @@ def test_a_ros_half_that_reads_nothing_holds_nobody_up_and_loses_no_event(
         answers += isinstance(message, Answered)
     assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))
     assert snapshots < count / 10
-
-
-def test_a_command_that_is_too_late_is_not_judged_unless_it_stops_karts(
-    half: Half, connect: Connect
-) -> None:
-    connect(1)
     close = Command(CommandKind.CLOSE_TRACK)
     long_ago = clock.now() - ANSWER_TIMEOUT
-    for number, command, came in (
-        (1, close, long_ago),
-        (2, close, clock.now()),
-        (3, ALL_KILL, long_ago),
-    ):
-        half.say(Request(number, command, came))
-    assert {half.wait_for(Answered).number, half.wait_for(Answered).number} == {2, 3}
+    half.say(Request(-1, close, long_ago))  # too late to be judged
+    half.say(Request(-2, close, clock.now()))
+    half.say(Request(-3, ALL_KILL, long_ago))
+    assert {half.wait_for(Answered).number, half.wait_for(Answered).number} == {-2, -3}
 
 
 def mark_of(begin: Begin) -> str:
@@ -300,7 +291,11 @@ def test_a_kart_server_that_hangs_and_takes_nothing_is_given_up_and_no_thread_wa
         client.stop(in_order=False)
 
 
-def test_a_hearing_thread_that_fails_ends_race_control(begin: Begin) -> None:
+def test_a_hearing_thread_that_fails_ends_race_control_which_takes_no_module_from_where_it_works(
+    begin: Begin, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'sqlite3.py').write_text("raise ValueError('it was taken')")
+    monkeypatch.chdir(tmp_path)
     ended: queue.SimpleQueue[str] = queue.SimpleQueue()
 
     def broken(news: object) -> None:
@@ -311,13 +306,3 @@ def test_a_hearing_thread_that_fails_ends_race_control(begin: Begin) -> None:
     assert 'ZeroDivisionError' in ended.get(timeout=TIMEOUT)
     assert client._process.wait(TIMEOUT) == 1  # and every kart was sent RED_RED
     client.stop(in_order=False)
-
-
-def test_no_module_is_taken_from_the_working_directory(
-    begin: Begin, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / 'sqlite3.py').write_text("raise ZeroDivisionError('it was taken')")
-    monkeypatch.chdir(tmp_path)
-    client = KartServerClient(begin, lambda news: None, lambda why: None)
-    client.start()
-    client.stop(in_order=True)
