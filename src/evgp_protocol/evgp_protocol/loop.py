@@ -28,34 +28,8 @@ class BoottimeEventLoop(asyncio.SelectorEventLoop):
 
 
 def run(main: Coroutine[Any, Any, T]) -> T:
-    """
-    Run a coroutine on its own `BoottimeEventLoop`, but handle no signals.
-
-    Before Python 3.12, ``asyncio.run`` accepts no other loop.
-    """
-    loop = BoottimeEventLoop()
-    try:
-        return loop.run_until_complete(main)
-    finally:
-        try:
-            loop.run_until_complete(_cancel_all(asyncio.all_tasks(loop)))
-            loop.run_until_complete(loop.shutdown_asyncgens())
-            loop.run_until_complete(loop.shutdown_default_executor())
-        finally:
-            loop.close()
-
-
-async def _cancel_all(tasks: set[asyncio.Task[Any]]) -> None:
-    """Cancel the tasks, wait for them, and report what they raised."""
-    for task in tasks:
-        task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
-    for task in tasks:
-        if not task.cancelled() and task.exception() is not None:
-            asyncio.get_running_loop().call_exception_handler(
-                {
-                    'message': 'unhandled exception during shutdown',
-                    'exception': task.exception(),
-                    'task': task,
-                }
-            )
+    """Run a coroutine on its own `BoottimeEventLoop`, but handle no signals."""
+    # Only a kart with Humble has an older Python than 3.11, and it has no such loop.
+    with asyncio.Runner(loop_factory=BoottimeEventLoop) as runner:  # type: ignore[attr-defined]
+        result: T = runner.get_loop().run_until_complete(main)
+        return result
