@@ -535,9 +535,6 @@ out on the next connection: _lose: skips _out
 a kart that is out is ready again: [drives in garage] _reached: never _out
 a kart that is out is armed again: [drives in garage] _acknowledge: without _out
 says again that it is out: acknowledge: never _out _acknowledged
-says by odometry what is commanded: [acknowledges by itself] speed: send => self._commanded
-odometry does not say that it is out: [acknowledges by itself] speed: _settings is => self._out or
-    self._still_since is None or now < self._still_since + self._settings.standstill_time
 one of two odometries shows a standstill: [odometry required] missing_odometry: never two
 one of two odometries acknowledges: [acknowledges by one of two] speed: without missing_odometry
     not
@@ -579,6 +576,9 @@ no number is a standstill: [acknowledges by itself] speed: _speed _settings => n
 a gap is a standstill: [acknowledges by itself] speed: _still_since gap => self._still_since is
     None
 acknowledges a red unasked: [odometry required] speed: without auto_acknowledge_stop
+says by odometry what is commanded: [acknowledges by itself] speed: send => self._commanded
+odometry does not say that it is out: [acknowledges by itself] speed: _settings is => self._out or
+    self._still_since is None or now < self._still_since + self._settings.standstill_time
 """
 )
 """Each fault, and the world that shows it soonest, if it takes long to come by."""
