@@ -15,7 +15,6 @@ import contextlib
 import pathlib
 import time
 
-from evgp_kart_bridge.watch import RaceStateWatch
 from evgp_node.stamps import seconds_of
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
@@ -35,33 +34,11 @@ FAULTY, GOOD = 1, 2
 """The kart whose network fails, and the one that must not notice."""
 
 
-class RosKart:
-    """
-    A kart with ROS on a machine of its own: its bridge, and a team's node beside it.
-
-    ``obeyed`` are the states that a stack with the bridge's watch obeys, each with the monotonic
-    time (s) since when: the watch also tells when the bridge is gone.
-    """
-
-    def __init__(self, parts: contextlib.ExitStack, machine: Machine, port: int) -> None:
-        """Start it; it need not find race control."""
-        self.obeyed: list[tuple[float, RaceState]] = []
-        domain = parts.enter_context(Domain()).number
-        with machine.inside():
-            bridge = Bridge(domain, port, machine.address, {'host': RACE_CONTROL})
-            self.bridge = parts.enter_context(bridge)
-            self.team = parts.enter_context(Team(domain))
-            RaceStateWatch(self.team.node, self._obey)
-
-    def _obey(self, state: RaceState) -> None:
-        with self.team.news:
-            self.obeyed.append((time.monotonic(), state))
-            self.team.news.notify_all()
-
-
 class NetworkRace:
     """
-    Race control, the ROS kart ``faulty`` and the plain kart ``good``, on a machine each.
+    Race control, the bridge of the faulty kart, and the plain kart ``good``, on a machine each.
+
+    ``team`` is a node beside the bridge.
 
     ``began`` is when the present test or its last race began (monotonic, s).
     """
@@ -84,7 +61,11 @@ class NetworkRace:
         self.machine = self.track.machine('kart1', kart_address(FAULTY))
         self.good_machine = self.track.machine('kart2', kart_address(GOOD))
         self._parts = parts
-        self.faulty = RosKart(parts, self.machine, self.control.port)
+        domain = parts.enter_context(Domain()).number
+        with self.machine.inside():
+            to = {'host': RACE_CONTROL}
+            parts.enter_context(Bridge(domain, self.control.port, self.machine.address, to))
+            self.team = parts.enter_context(Team(domain))
         self.start_good_kart()
         self.began = time.monotonic()
 
@@ -114,19 +95,14 @@ class NetworkRace:
         self.began = time.monotonic()
 
     def _acknowledge(self, state: RaceState) -> None:
-        self.faulty.team.wait_for(
+        self.team.wait_for(
             lambda heard: state_of(heard.commanded) is state is state_of(heard.state),
             f'{state.value}, commanded and obeyed',
         )
-        # The stack's watch hears the bridge through a subscription of its own, perhaps later.
-        self.faulty.team.wait_until(
-            lambda: self.faulty.obeyed[-1][1] is state,
-            lambda: f'the stack obeys {state.value}; obeyed: {self.faulty.obeyed}',
-        )
         if state is not RaceState.IN_GARAGE:
             # Its order is another one once a connection that was lost is back.
-            self.faulty.team.wait_until_polled(
-                lambda: self.faulty.team.acknowledge(state).success, f'{state.value} acknowledged'
+            self.team.wait_until_polled(
+                lambda: self.team.acknowledge(state).success, f'{state.value} acknowledged'
             )
 
     def events(self, **fields: int) -> list[msg.RaceEvent]:
@@ -151,11 +127,10 @@ class NetworkRace:
         return self.wait_for('kart 1 is lost', kind=Event.DISCONNECTED, kart=FAULTY)
 
     def wait_for_stopped(self) -> None:
-        """Return once the faulty kart's stack had to obey RED_RED."""
-        kart = self.faulty
-        kart.team.wait_until(
-            lambda: any(at >= self.began and state is RED_RED for at, state in kart.obeyed),
-            lambda: f'RED_RED; obeyed: {kart.obeyed}',
+        """Return once the faulty kart had to obey RED_RED."""
+        self.team.wait_until(
+            lambda: any(at >= self.began and state is RED_RED for at, state in self.team.changes),
+            lambda: f'RED_RED; obeyed: {self.team.changes}',
         )
 
     def wait_for_back(self) -> None:
@@ -221,20 +196,20 @@ def test_a_cut_link_is_noticed_at_both_ends_and_the_kart_is_back_held(
         lambda: 'an alert',
     )
     assert alert.text.startswith('Use the MSR')
-    assert race.faulty.team.stop is True
+    assert race.team.stop is True
 
 
 def test_a_kart_is_not_lost_where_a_twentieth_is_lost_and_everything_late(
     race: NetworkRace,
 ) -> None:
     race.green()
-    states = len(race.faulty.team.states)
+    states = len(race.team.states)
     for machine in (race.machine, race.good_machine):
         machine.air(loss=0.05, delay=0.05)
     race.good.wait_for_frames(240)  # 20 s
     for kart in (FAULTY, GOOD):
         assert not race.events(kind=Event.DISCONNECTED, kart=kart)
-    assert race.faulty.team.states[states:] == []
+    assert race.team.states[states:] == []
 
 
 def test_a_link_that_answers_all_the_time_but_too_late_is_a_lost_link(race: NetworkRace) -> None:
