@@ -455,26 +455,28 @@ def test_a_kart_that_stops_itself_in_green_green_says_red_red_once_it_stands(
 # ----- the bridge's own end ----------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ('fault', 'reason'),
-    [
-        (BridgeThatRaises, 'the bridge has ended'),
-        (BridgeThatHangs, "the bridge has not received its team's messages for 1 s"),
-    ],
-)
 def test_a_bridge_that_fails_or_does_not_hear_its_team_stops_the_kart(
-    fault: type, reason: str, parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
 ) -> None:
-    race = OneKartRace(parts, program_of(fault, tmp_path))
-    with start_stack(race.bridge.domain) as stack:
+    race = OneKartRace(parts, program_of(BridgeThatRaises, tmp_path))
+    stack = parts.enter_context(start_stack(race.bridge.domain))
+
+    def check(reason: str) -> None:
         race.drive(stack)
         assert reason in race.team.wait_for_state(RED_RED).reason
         race.team.wait_for_stop(True)
         race.team.wait_for_speed(lambda speed: speed == 0.0)
-        if fault is BridgeThatRaises:
-            assert race.bridge.wait() == 1
-            assert 'LookupError: the fault' in race.bridge.output
-        race.bridge.kill()
+
+    check('the bridge has ended')
+    assert race.bridge.wait() == 1
+    assert 'LookupError: the fault' in race.bridge.output
+
+    stack.lines.clear()
+    race.control.say(IN_GARAGE)
+    race.start_bridge({}, program_of(BridgeThatHangs, tmp_path))
+    race.team.wait_for_state(IN_GARAGE)
+    check("the bridge has not received its team's messages for 1 s")
+    race.bridge.kill()
 
 
 def test_a_stack_that_fails_brakes_to_a_stop(
