@@ -163,6 +163,7 @@ def state_number(state: RaceState | None) -> int:
 def answer_of(kart: Kart, said: bytes) -> bytes:
     """Return what the driver must write."""
     verdict = kart.verdict
+    assert bool(kart.last_malformed) is (kart.malformed > 0)
     return struct.pack(
         '<II9B3x',
         verdict.order,

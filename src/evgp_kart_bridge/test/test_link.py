@@ -89,14 +89,6 @@ class Running:
                 self.acknowledge(state)
         return len(self.verdicts)
 
-    def suffer(self, race: BareRaceControl, data: bytes, reason: str) -> None:
-        """Have race control send this alone, again and again, until the link says why it ended."""
-        race.fall_silent()
-        while not any(reason in verdict.reason for verdict in self.verdicts):
-            with contextlib.suppress(OSError, AssertionError):  # the link has given it up
-                race.send(data)
-            time.sleep(0.01)
-
     def _keep(self, kept: list[Any], told: object) -> None:
         with self._news:
             kept.append(told)
@@ -144,35 +136,27 @@ def test_in_garage_is_acknowledged_at_once_even_if_another_frame_follows(
     race.wait_until_it_says(IN_GARAGE)
 
 
-def test_valid_frames_are_obeyed_whatever_the_cuts_and_whatever_else_comes(
-    race: BareRaceControl, start_link: StartLink
+@pytest.mark.parametrize(
+    ('frame_timeout', 'data', 'reason'),
+    [
+        (0.3, b'$IN_GARAGE', 'accepts but sends no race state'),  # what is malformed is no frame
+        (
+            PATIENCE,
+            encode(IN_GARAGE) * 400,
+            'race control never sends that much',
+        ),  # all may be old
+    ],
+)
+def test_neither_malformed_frames_nor_a_flood_keep_a_connection_alive(
+    race: BareRaceControl, start_link: StartLink, frame_timeout: float, data: bytes, reason: str
 ) -> None:
-    running = start_link(race.port)
+    running = start_link(race.port, frame_timeout=frame_timeout)
     running.obey(race, IN_GARAGE)
     race.fall_silent()
-    race.send(b'$PARTY;\x00\xff$' + b'x' * 3000 + b'$GRID_')
-    race.send(b'ACTIVE;\r\n$')
-    running.wait_for_state(GRID_ACTIVE)
-    assert running.link.kart.malformed > 1
-    assert running.link.kart.last_malformed
-    race.send(b'RED_RED;')
-    running.wait_for(lambda verdict: verdict.commanded is RED_RED)
-
-
-def test_malformed_frames_do_not_keep_a_connection_alive(
-    race: BareRaceControl, start_link: StartLink
-) -> None:
-    running = start_link(race.port, frame_timeout=0.3)
-    running.obey(race, IN_GARAGE)
-    running.suffer(race, b'$IN_GARAGE', f'at {race.port} accepts but sends no race state')
-
-
-def test_a_flood_whose_frames_may_be_old_is_a_lost_connection(
-    race: BareRaceControl, start_link: StartLink
-) -> None:
-    running = start_link(race.port)
-    running.obey(race, IN_GARAGE)
-    running.suffer(race, encode(IN_GARAGE) * 400, 'race control never sends that much')
+    while not any(reason in verdict.reason for verdict in running.verdicts):
+        with contextlib.suppress(OSError, AssertionError):  # the link has given it up
+            race.send(data)
+        time.sleep(0.01)
 
 
 def test_silence_is_red_red_and_the_socket_is_given_up(
