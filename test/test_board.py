@@ -31,7 +31,6 @@ from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import joined
-from evgp_testing.wire_kart import Acknowledges
 import pytest
 from rclpy.parameter import Parameter
 from rig.browser import Browser
@@ -77,8 +76,8 @@ def test_pages_follow_a_race_and_say_when_they_are_old(
     control = start_race_control(in_race=[1, 2])
     board, address = start_board(control.domain)
     official = join_official(control)
-    kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
-    connect_kart(control, 2, Acknowledges.EACH_CHANGE)
+    kart = connect_kart(control, 1, acknowledges=True)
+    connect_kart(control, 2, acknowledges=True)
     official.wait_for_connected(1, 2)
     browser.visit(f'{address}/kart/1')
     official.bring_to(RaceState.GREEN_GREEN)

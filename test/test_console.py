@@ -24,7 +24,6 @@ from evgp_rcs_msgs import msg
 from evgp_testing.fixtures import ConnectKart, StartRaceControl
 from evgp_testing.part import PATIENCE
 from evgp_testing.race_control import RaceControl
-from evgp_testing.wire_kart import Acknowledges
 from evgp_testing.wire_race import WireRace
 import pytest
 from rig.console import Console
@@ -37,7 +36,6 @@ IN_GARAGE = RaceState.IN_GARAGE
 RED_FLAG = RaceState.RED_FLAG
 RED_RED = RaceState.RED_RED
 
-EACH_CHANGE = Acknowledges.EACH_CHANGE
 
 OpenConsole = Callable[[int], Console]
 
@@ -116,7 +114,7 @@ def test_every_stop_is_pressed_until_race_control_is_back(
     again = parts.enter_context(RaceControl(tmp_path, domain, (1, 2), parameters=new))
 
     for number, state in ((1, RED_RED), (2, RED_FLAG)):
-        connect_kart(again, number, EACH_CHANGE).wait_for_state(state)
+        connect_kart(again, number, acknowledges=True).wait_for_state(state)
     console.wait_for('danger', visible=False)
     console.wait_for('status', text='✓ .*RED (RED|FLAG)')
 
@@ -155,7 +153,7 @@ def test_old_presses_start_no_race_and_a_window_that_stays_hung_ends_it(
         in_race=(1,), others=(2,), nobody_there=3.0, finish_delays='[0.1]'
     )
     console = open_console(control.domain)
-    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2)]
+    karts = [connect_kart(control, number, acknowledges=True) for number in (1, 2)]
     for number in (1, 2):
         console.wait_for(f'kart_{number}', linked='true')
 

@@ -16,7 +16,6 @@ from evgp_rcs_msgs import msg
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartBridge, StartRaceControl
 from evgp_testing.race_control import address_of
 from evgp_testing.ros_side import RosSide
-from evgp_testing.wire_kart import Acknowledges
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -77,7 +76,7 @@ def test_diagnostics_have_every_kart_and_the_level_and_text_of_the_gravest_alert
         assert values(status)['alerts'] == '1'
     official.wait_for_race(lambda race: not race.alerts, 'the end of the alert')
 
-    kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    kart = connect_kart(control, 1, acknowledges=True)
     official.wait_for_connected(1)
     health.wait_for('rcs: kart 1', OK)
     status = health.wait_for('rcs: race', OK)
@@ -98,7 +97,7 @@ def test_diagnostics_have_every_kart_and_the_level_and_text_of_the_gravest_alert
     assert health.wait_for('rcs: race', ERROR).message.endswith(tuple(gravest))
     kart.close()
 
-    connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    connect_kart(control, 1, acknowledges=True)
     official.wait_for_acks(RaceState.RED_RED, 1)
     race = official.wait_for_race(lambda race: race.karts[0].link.grade, 'a measured link')
     link = race.karts[0].link

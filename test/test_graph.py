@@ -23,7 +23,7 @@ from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import executable, Process, Program
 from evgp_testing.race_control import address_of, RaceControl, settings, write_roster
-from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_kart import WireKart
 import pytest
 from rig.foreign_node import ForeignNode
 from rig.networks import Namespace, need_networks
@@ -177,7 +177,7 @@ def test_a_race_goes_on_while_the_officials_address_is_gone_and_its_officials_ar
     outside = strangers(networks, control.domain)
     with networks.own.inside():
         kart = parts.enter_context(
-            WireKart(address_of(1), control.port, Acknowledges.EACH_CHANGE, KARTS)
+            WireKart(address_of(1), control.port, acknowledges=True, host=KARTS)
         )
         official = parts.enter_context(Official(control.domain))
     with networks.official.inside(), monkeypatch.context() as patch:

@@ -18,7 +18,7 @@ from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl, Timekeeper, write_roster
-from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_kart import WireKart
 from evgp_testing.wire_race import WireRace
 from rig.replaying import replay_without_difference
 from test_rcs_ctl import run as rcs_ctl
@@ -38,7 +38,7 @@ def test_a_kart_comes_late_and_races_while_the_others_stay_connected(
 
     def connect(number: int) -> WireKart:
         return parts.enter_context(
-            WireKart(f'127.0.0.{100 + number}', control.port, Acknowledges.EACH_CHANGE)
+            WireKart(f'127.0.0.{100 + number}', control.port, acknowledges=True)
         )
 
     def addressed(number: int) -> str:

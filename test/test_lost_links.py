@@ -23,7 +23,7 @@ from evgp_testing.domains import Domain
 from evgp_testing.kart import Bridge, Team
 from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl
-from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_kart import WireKart
 import pytest
 from rig.networks import kart_address, Machine, need_networks, RACE_CONTROL, Track
 
@@ -73,7 +73,7 @@ class NetworkRace:
         """Connect the plain kart from its machine."""
         address, port = self.good_machine.address, self.control.port
         with self.good_machine.inside():
-            kart = WireKart(address, port, Acknowledges.EACH_CHANGE, RACE_CONTROL)
+            kart = WireKart(address, port, acknowledges=True, host=RACE_CONTROL)
         self.good = self._parts.enter_context(kart)
 
     def mend(self) -> None:

@@ -12,7 +12,7 @@ import time
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 from evgp_testing.race_control import address_of
-from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_kart import WireKart
 from evgp_testing.wire_race import WireRace
 import pytest
 from rig.steppable_clock import SteppableClock
@@ -84,12 +84,12 @@ def test_after_a_suspend_nothing_is_started_that_was_sent_before_and_alerts_coun
     refused = scene.official.call('green_green')
 
     assert not refused.success
-    scene.kart.acknowledges = Acknowledges.NEVER
+    scene.kart.acknowledges = False
     scene.official.command('all_kill')
     kart = scene.kart
     if kart.ended:  # what it had not answered yet, it had not answered for 30 s
         assert not kart.changes[before:]
-        kart = WireKart(address_of(1), scene.control.port, Acknowledges.NEVER)
+        kart = WireKart(address_of(1), scene.control.port)
         parts.enter_context(kart)
         before = 0
     kart.wait_for_state(RED_RED)

@@ -51,7 +51,6 @@ from evgp_testing.part import Part, PATIENCE
 from evgp_testing.process import executable
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import bound, joined, RosSide
-from evgp_testing.wire_kart import Acknowledges
 from evgp_timing.corrections import CORRECTIONS
 import pytest
 import rclpy
@@ -336,8 +335,8 @@ def test_every_answer_says_the_banner_so_that_no_rehearsal_is_taken_for_a_race(
 
 def test_a_whole_race_by_commands(desk: Desks, connect_kart: ConnectKart) -> None:
     control, official, lines = desk
-    kart = connect_kart(control, 2, Acknowledges.EACH_CHANGE)
-    connect_kart(control, 3, Acknowledges.EACH_CHANGE)
+    kart = connect_kart(control, 2, acknowledges=True)
+    connect_kart(control, 3, acknowledges=True)
     official.wait_for_connected(2, 3)
 
     unknown = lines.run('heat', 'B')

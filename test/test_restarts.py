@@ -21,7 +21,7 @@ from evgp_testing.part import PATIENCE
 from evgp_testing.process import freeze, wait_until_ended
 from evgp_testing.race_control import address_of, new_port, write_roster
 from evgp_testing.usage import family
-from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_kart import WireKart
 import pytest
 from rig.terminal import Terminal
 import yaml
@@ -79,7 +79,7 @@ class MakeRun(Terminal):
         ends = time.monotonic() + PATIENCE
         while True:
             with contextlib.suppress(ConnectionError):
-                kart = WireKart(address_of(1), self.port, Acknowledges.EACH_CHANGE)
+                kart = WireKart(address_of(1), self.port, acknowledges=True)
                 with contextlib.suppress(AssertionError):
                     kart.wait_for_frames(1)
                     return kart

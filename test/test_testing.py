@@ -14,7 +14,7 @@ import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules import race
-from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_kart import WireKart
 from evgp_testing.witness import Witness
 import pytest
 from rig.bare_race_control import BareRaceControl
@@ -80,10 +80,9 @@ def test_a_fault_that_fits_its_function_not_exactly_once_is_an_error() -> None:
 
 def test_a_plain_kart_keeps_when_it_was_sent_and_said_what() -> None:
     witness = Witness()
-    each = Acknowledges.EACH_CHANGE
     with (
         BareRaceControl() as control,
-        WireKart('127.0.1.1', control.port, each, witness=witness, kart=1) as kart,
+        WireKart('127.0.1.1', control.port, True, witness=witness, kart=1) as kart,
     ):
         kart.wait_for_state(RaceState.IN_GARAGE)
         control.exchange(RaceState.GREEN_GREEN)

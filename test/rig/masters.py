@@ -22,7 +22,7 @@ from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.race_control import RaceControl
-from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_kart import WireKart
 from rig.networks import kart_address, Namespace, own_disk, RACE_CONTROL
 
 NUMBERS = range(1, 11)
@@ -129,8 +129,8 @@ class Masters:
                 kart = WireKart(
                     kart_address(number),
                     DEFAULT_PORT,
-                    Acknowledges.EACH_CHANGE,
-                    RACE_CONTROL,
+                    acknowledges=True,
+                    host=RACE_CONTROL,
                     timeout=1.0,
                 )
                 self.links[number] = kart

@@ -47,7 +47,7 @@ from evgp_testing.official import Official
 from evgp_testing.part import Part
 from evgp_testing.process import Process
 from evgp_testing.race_control import address_of, RaceControl, Timekeeper
-from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_kart import WireKart
 from evgp_testing.witness import Witness
 import yaml
 
@@ -85,9 +85,7 @@ class DrivenKart(WireKart):
         witness: Witness | None = None,
     ) -> None:
         self._hear = hear
-        super().__init__(
-            address_of(number), port, Acknowledges.NEVER, witness=witness, kart=number
-        )
+        super().__init__(address_of(number), port, witness=witness, kart=number)
 
     def answer(self, state: RaceState, change: bool) -> None:
         """Pass on a new state, which the simulated kart answers once it has carried it out."""

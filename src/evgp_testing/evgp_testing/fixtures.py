@@ -74,11 +74,9 @@ def join_official(parts: contextlib.ExitStack) -> JoinOfficial:
 def connect_kart(parts: contextlib.ExitStack) -> ConnectKart:
     """Return a function that connects a plain TCP kart, by its number in the roster."""
     from evgp_testing.race_control import address_of
-    from evgp_testing.wire_kart import Acknowledges, WireKart
+    from evgp_testing.wire_kart import WireKart
 
-    def connect(
-        control: RaceControl, number: int, acknowledges: Acknowledges = Acknowledges.NEVER
-    ) -> WireKart:
+    def connect(control: RaceControl, number: int, acknowledges: bool = False) -> WireKart:
         return parts.enter_context(WireKart(address_of(number), control.port, acknowledges))
 
     return connect

@@ -11,7 +11,6 @@ race control and the bridge, so a mistake in that decoder cannot hide one on the
 from __future__ import annotations
 
 import contextlib
-import enum
 import math
 import re
 import socket
@@ -29,13 +28,6 @@ FRAMES = {encode(state): state for state in RaceState}
 
 # The frames that race control accepts; `$READY;` means GRID_ACTIVE (§3.A).
 _SAID = re.compile(rb'\$(GREEN_GREEN|GRID_ACTIVE|IN_GARAGE|RED_FLAG|RED_RED|READY);')
-
-
-class Acknowledges(enum.Enum):
-    """The frames that a plain kart acknowledges."""
-
-    NEVER = enum.auto()
-    EACH_CHANGE = enum.auto()
 
 
 def kart_socket(
@@ -218,7 +210,7 @@ class WireKart(KartLink, Part):
     ``ended`` is true once the connection is gone. A method that waits raises AssertionError if
     what it waits for does not come within ``PATIENCE``.
 
-    :param acknowledges: when the kart acknowledges what it is sent. You can change this any time.
+    :param acknowledges: whether it acknowledges each new state. You can change this any time.
     :param host: race control's address.
     :param timeout: maximum time to connect, in seconds.
     """
@@ -227,7 +219,7 @@ class WireKart(KartLink, Part):
         self,
         address: str,
         port: int,
-        acknowledges: Acknowledges = Acknowledges.NEVER,
+        acknowledges: bool = False,
         host: str = '127.0.0.1',
         witness: Witness | None = None,
         kart: int = 0,
@@ -247,7 +239,7 @@ class WireKart(KartLink, Part):
 
         :param change: whether the state differs from the one before.
         """
-        if change and self.acknowledges is Acknowledges.EACH_CHANGE:
+        if change and self.acknowledges:
             with contextlib.suppress(OSError):  # it is gone; the reader notices next
                 self.say(state)
 

@@ -15,7 +15,7 @@ from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.part import Part
 from evgp_testing.race_control import address_of, RaceControl
-from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_kart import WireKart
 
 
 class WireRace(Part):
@@ -51,7 +51,7 @@ class WireRace(Part):
             self.official = stack.enter_context(Official(self.domain))
             self.karts = [
                 stack.enter_context(
-                    WireKart(address_of(number), self.control.port, Acknowledges.EACH_CHANGE)
+                    WireKart(address_of(number), self.control.port, acknowledges=True)
                 )
                 for number in present
             ]
