@@ -44,7 +44,7 @@ def test_both_races_are_driven_and_nothing_is_missing() -> None:
     for line in (
         'GREEN_GREEN refused: waiting for kart 2 (REHEARSAL 2): has not acknowledged GRID_ACTIVE.',
         'the race ended automatically',
-        'ALL_KILL: the last kart saw RED_RED',
+        'ALL_KILL: the last simulated kart saw RED_RED',
         'the debrief shows ALL_KILL, and every kart stopped after it',
         'checked: all are as in the record',
         'all 6 processes ended normally, and none is left',

@@ -33,10 +33,8 @@ from evgp_rcs_msgs import msg
 from evgp_rehearsal.event import BANNER, Rehearsal
 from evgp_rehearsal.field import Fault
 from evgp_rehearsal.plan import Ability, Plan, Track
-from evgp_testing.kart import Team
 from evgp_testing.process import started
 from evgp_testing.usage import family
-from evgp_testing.wire_kart import WireKart
 from evgp_testing.witness import Witness
 
 PLAN = Plan(
@@ -89,19 +87,15 @@ class Show:
     def __init__(self, rehearsal: Rehearsal) -> None:
         self.rehearsal, self.official = rehearsal, rehearsal.official
         self.official.timeout = TIMEOUT
-        self.teams: dict[int, Team] = {}
         self.found: list[Finding] = []
         self._began = clock.now()
 
     def gather(self) -> None:
         """
-        Wait until every kart has its stack and is connected, then bring the race to IN_GARAGE.
+        Wait until every kart is connected, then bring the race to IN_GARAGE.
 
         :raises AssertionError: if any of this does not happen in time.
         """
-        for team in self.teams.values():
-            team.timeout = TIMEOUT
-            team.wait_for_speed(lambda speed: True)
         self.rehearsal.gather()
         self.official.command('set_in_race', kart=OUTSIDE, in_race=False)
         self._wait_for(RaceState.IN_GARAGE, PLAN.numbers)
@@ -148,9 +142,8 @@ class Show:
         self.official.command('all_kill', official='demo')
         assert not self.official.call('green_green').success, 'GREEN_GREEN came after ALL_KILL'
         self._wait_for(RaceState.RED_RED, PLAN.numbers)
-        sides = [side for kart in PLAN.numbers if (side := self._side(kart)) is not None]
-        took = (max(side.changes[-1][0] for side in sides) - called) * 1000
-        text = f'ALL_KILL: the last kart saw RED_RED {took:.0f} ms after the call'
+        took = (max(link.changes[-1][0] for link in rehearsal.links.values()) - called) * 1000
+        text = f'ALL_KILL: the last simulated kart saw RED_RED {took:.0f} ms after the call'
         self.found.append(Finding(True, text))
         self._to_garage(PLAN.numbers)
 
@@ -181,17 +174,15 @@ class Show:
             put(f'{"ok" if each.good else "MISSING":9}{each.text}', 9)
         return found
 
-    def _side(self, kart: int) -> Team | WireKart | None:
-        return self.teams.get(kart) or self.rehearsal.links.get(kart)
-
     def _wait_for(self, state: RaceState, karts: Sequence[int]) -> None:
-        """Wait until these karts have acknowledged to race control and each sees the state."""
+        """Wait until these karts have acknowledged, and each simulated one has seen the state."""
         garage = state is RaceState.IN_GARAGE
         self.official.wait_for_acks(state, *karts, needs_ack=not garage)
         for kart in karts:
-            side = self._side(kart)
-            assert side is not None, f'kart {kart} has lost its connection'
-            side.wait_for_state(state)
+            if kart not in BRIDGED:
+                link = self.rehearsal.links.get(kart)
+                assert link is not None, f'kart {kart} has lost its connection'
+                link.wait_for_state(state)
 
     def _green(self) -> None:
         self.official.bring_to(RaceState.GREEN_GREEN, *STARTERS)
@@ -246,9 +237,6 @@ def _show() -> list[Finding]:
         with contextlib.ExitStack() as running:
             rehearsal = running.enter_context(Rehearsal(PLAN, folder, len(BRIDGED), witness=wire))
             show = Show(rehearsal)
-            for kart in BRIDGED:
-                team = Team(rehearsal.domains[kart], f'team_{kart}')
-                show.teams[kart] = running.enter_context(team)
             rehearsal.official.tell_each(show.tell)
             for title, drive in (
                 ('the karts connect', show.gather),

@@ -110,7 +110,6 @@ class Rehearsal(Part):
     :param window: whether to open the officials' window.
     :param witness: learns of what the simulated karts are sent and answer, and every command.
     :ivar links: the connections of the simulated karts.
-    :ivar domains: the ROS domains of the karts with a bridge, and race control's at number 0.
     :ivar present: the current incident, or None.
     :ivar paused: whether the karts pause, with their connections open.
     :ivar dead: set once race control's laptop has died.
@@ -149,9 +148,7 @@ class Rehearsal(Part):
             # A process ends with the thread that started it (evgp_testing.process), so this thread
             # lives as long as the rehearsal.
             self._starter = stack.enter_context(ThreadPoolExecutor(1, 'starter'))
-            bridges = plan.numbers[simulated:]
-            self.domains = {each: stack.enter_context(Domain()).number for each in (0, *bridges)}
-            self.domain = self.domains[0]
+            self.domain = stack.enter_context(Domain()).number
             self.control = self._race_control({})
             stack.callback(lambda: self.control.close())
             self._timekeeper = stack.enter_context(Timekeeper(folder, self.domain))
@@ -163,11 +160,10 @@ class Rehearsal(Part):
             )
             race = self.official.wait_for_race(lambda race: True, 'a first look at the race')
             self._check_own(race)
-            for number in bridges:
-                bridge = Bridge(self.domains[number], self.control.port, address_of(number))
-                stack.enter_context(bridge)
-                process = Process('evgp_kart_bridge', 'example_stack', self.domains[number])
-                stack.enter_context(process)
+            for number in plan.numbers[simulated:]:
+                domain = stack.enter_context(Domain()).number
+                stack.enter_context(Bridge(domain, self.control.port, address_of(number)))
+                stack.enter_context(Process('evgp_kart_bridge', 'example_stack', domain))
             if window:
                 self.open_window()
             stack.callback(lambda: self.window is not None and self.window.close())
