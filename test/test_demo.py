@@ -47,7 +47,7 @@ def test_both_races_are_driven_and_nothing_is_missing() -> None:
         'ALL_KILL: the last simulated kart saw RED_RED',
         'the debrief shows ALL_KILL, and every kart stopped after it',
         'checked: all are as in the record',
-        'all 6 processes ended normally, and none is left',
+        'all 4 processes ended normally, and none is left',
         'Nothing is missing',
     ):
         assert line in done.stdout
