@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 import contextlib
+import functools
 import json
 import os
 import pathlib
@@ -52,13 +53,6 @@ def ask(url: str, data: dict[str, Any] | None = None, headers: Mapping[str, str]
         return str(answer.read().decode())
 
 
-def start(rehearsal: Rehearsal) -> None:
-    """Bring the race to where the incidents of a race can begin."""
-    rehearsal.gather()
-    rehearsal.official.bring_to(RaceState.GREEN_GREEN)
-    rehearsal.official.wait_until_polled(lambda: rehearsal.can_begin('spin'), 'every kart races')
-
-
 def wait(rehearsal: Rehearsal, seconds: float) -> None:
     with rehearsal.lock:
         until = rehearsal.field.tick + round(seconds / TICK_LENGTH)
@@ -78,45 +72,26 @@ def test_a_rehearsal_that_begins_in_red_with_an_open_track_gets_to_the_garage_an
     assert state_of(race.state) is RaceState.IN_GARAGE
 
 
-def test_the_debrief_says_how_long_a_kart_moved_after_all_kill_and_that_a_person_was_there(
+def test_the_debrief_says_that_officials_sent_karts_to_a_person_on_the_track(
     rehearsal: Rehearsal,
 ) -> None:
     official, before = rehearsal.official, len(rehearsal.took)
-    start(rehearsal)
-    rehearsal.inject('msr_needed', kart=3)
-    official.command('all_kill', official='Anna')
-    wait(rehearsal, 5.0)
-    rehearsal.use_msr()
-    wait(rehearsal, 3.0)
-    rehearsal.mend()
-    official.bring_to(RaceState.IN_GARAGE)
-    start(rehearsal)
+    rehearsal.gather()
+    official.bring_to(RaceState.GREEN_GREEN)
     # The script's incident of the grid waits for the next one, and holds up none of the race.
     rehearsal.cues = [Cue('not_ready', 0.0), Cue('person_on_track', 0.0)]
-    official.wait_until_polled(lambda: rehearsal.present is not None, 'the incident begins')
+    official.wait_until_polled(lambda: rehearsal.present is not None, 'every kart races')
     rehearsal.cues = []
     official.command('all_kill', official='Anna')
     official.wait_for_acks(RaceState.RED_RED, *rehearsal.plan.numbers)
     official.bring_to(RaceState.IN_GARAGE)
     official.command('grid_active', official='Anna', track_clear=True)
     rehearsal.mend()
-    rehearsal.wait_for_end(before + 1)
-    *_, first, second = ['\n'.join(lines) for lines in rehearsal.debriefs()]
-
-    assert first.startswith('msr_needed (kart 3): a kart no longer obeys anything\n')
-    assert 'radio: Marshal, post 2: kart 3 is out of control!' in first
-    assert 'Anna sent ALL_KILL: RED_RED sent to karts 1, 2, 3, 4, 5, 6' in first
-    assert 'the MSR is used' in first
-    (moved,) = re.findall(r'^  moved after RED_RED at .*$', first, re.MULTILINE)
-    seconds = {int(kart): float(s) for kart, s in re.findall(r'kart (\d) for (\S+) s', moved)}
-    assert set(seconds) == set(rehearsal.plan.numbers)
-    assert seconds.pop(3) > 5.0  # of the field, until the MSR, and as long as it then brakes
-    assert max(seconds.values()) < 3.0  # the field's karts brake by 4 m/s2 at least
-    assert first.endswith(INCIDENTS['msr_needed'].order)
-
-    (grid,) = re.findall(r'^.* Anna sent GRID_ACTIVE: .*$', second, re.MULTILINE)
+    rehearsal.wait_for_end(before)
+    told = '\n'.join(rehearsal.debriefs()[before])
+    (grid,) = re.findall(r'^.* Anna sent GRID_ACTIVE: .*$', told, re.MULTILINE)
     assert grid.endswith(' - WITH A PERSON ON THE TRACK')
-    assert 'a person is off the track' in second
+    assert 'a person is off the track' in told
 
 
 def test_a_race_of_other_karts_gets_no_command_and_race_control_that_ends_unasked_comes_back(
@@ -139,7 +114,11 @@ def test_a_race_of_other_karts_gets_no_command_and_race_control_that_ends_unaske
 def test_what_a_rehearsal_prints_starts_and_stops_its_race_and_its_page_lets_incidents_begin() -> (
     None
 ):
-    """Its window cannot open, which the terminal says."""
+    """
+    The debrief says how long karts moved after ALL KILL.
+
+    The rehearsal's window cannot open, which the terminal says.
+    """
     command = [sys.executable, '-m', 'evgp_rehearsal.rehearse']
     nowhere = {**os.environ, 'DISPLAY': ':64999', 'WAYLAND_DISPLAY': '', 'BROWSER': 'true'}
     with (
@@ -165,22 +144,40 @@ def test_what_a_rehearsal_prints_starts_and_stops_its_race_and_its_page_lets_inc
             state: dict[str, Any] = json.loads(ask(f'{page}state'))
             return state
 
-        assert press(do='inject', incident='spin')  # not in the garage
+        until = time.monotonic() + 2 * PATIENCE
+
+        def wait_until(found: Callable[[], object]) -> None:
+            while not found():
+                assert time.monotonic() < until, shown()
+                time.sleep(TICK_LENGTH)
+
+        def is_in(state: str) -> bool:
+            return bool(shown()['race'] == state)
+
+        def are_ready() -> bool:
+            state = shown()
+            in_garage = state['race'] == 'IN_GARAGE'
+            return all(
+                each['connected' if in_garage else 'acknowledged'] for each in state['karts']
+            )
+
+        def wait(seconds: float) -> None:
+            ends = shown()['time'] + seconds
+            wait_until(lambda: shown()['time'] >= ends)
+
+        assert press(do='inject', incident='msr_needed')  # not in the garage
         lines = re.findall(r'ROS_DOMAIN_ID=(\d+) make ctl ARGS=(.+)', ''.join(printed))
-        until = time.monotonic() + PATIENCE
         states = 'IN_GARAGE', 'GRID_ACTIVE', 'GREEN_GREEN', 'RED_RED'
         for (domain, arguments), state in zip(lines, states, strict=True):
             words = shlex.split(arguments)[0].split()
             once = ['--once'] if words == ['watch'] else []
             ctl = [executable('evgp_rcs_console', 'rcs_ctl'), *words, *once]
             environment = {**os.environ, 'ROS_DOMAIN_ID': domain}
-            while subprocess.run(ctl, env=environment).returncode:  # karts connect, or get ready
-                assert time.monotonic() < until, words
-            while shown()['race'] != state:
-                assert time.monotonic() < until, state
+            wait_until(are_ready)
+            assert not subprocess.run(ctl, env=environment).returncode
+            wait_until(functools.partial(is_in, state))
             if state == 'GREEN_GREEN':
-                while press(do='inject', incident='spin', kart=2):  # once every kart races
-                    assert time.monotonic() < until
+                wait_until(lambda: not press(do='inject', incident='msr_needed', kart=3))
                 assert [kart['number'] for kart in shown()['karts'] if kart['connected']] == KARTS
                 press(do='pause')
                 at = shown()['time']
@@ -191,22 +188,31 @@ def test_what_a_rehearsal_prints_starts_and_stops_its_race_and_its_page_lets_inc
         for headers in ({'Host': 'evil.example', **JSON}, {'Content-Type': 'text/plain'}):
             with pytest.raises(urllib.error.HTTPError):
                 ask(f'{page}do', {'do': 'msr'}, headers)
+        wait(5.0)
+        press(do='msr')
+        wait(3.0)
         press(do='mend')
-        debrief = ask(f'{page}debrief')
-        assert 'spin (kart 2)' in debrief
-        assert 'the MSR is used' not in debrief
-        order = f'the rule book: {INCIDENTS["spin"].order[:30]}'
+        order = f'the rule book: {INCIDENTS["msr_needed"].order}'
         for line in rehearsal.stdout:
             printed.append(line)
             if order in line:
                 break
         assert order in printed[-1]  # as soon as it has ended
+        debrief = ask(f'{page}debrief')
+        assert debrief.startswith('msr_needed (kart 3): a kart no longer obeys anything\n')
+        assert 'radio: Marshal, post 2: kart 3 is out of control!' in debrief
+        assert 'sent ALL_KILL: RED_RED sent to karts 1, 2, 3, 4, 5, 6' in debrief
+        assert 'the MSR is used' in debrief
+        (moved,) = re.findall(r'^  moved after RED_RED at .*$', debrief, re.MULTILINE)
+        took = {int(kart): float(s) for kart, s in re.findall(r'kart (\d) for (\S+) s', moved)}
+        assert [*took] == KARTS
+        assert took.pop(3) > 5.0  # of the field, until the MSR, and as long as it then brakes
+        assert max(took.values()) < 3.0  # the field's karts brake by 4 m/s2 at least
         rehearsal.send_signal(signal.SIGINT)
         at_the_end = rehearsal.stdout.read()
         why = r'Qt for Python|could not connect to display'
         assert re.search(why, ''.join([*printed, at_the_end])), printed
-        assert 'spin (kart 2): a kart spins in front of others' in at_the_end
-        assert 'sent ALL_KILL: RED_RED sent to karts 1, 2, 3, 4, 5, 6' in at_the_end
+        assert debrief in at_the_end
         assert rehearsal.wait() == 0
 
 
