@@ -153,20 +153,24 @@ def test_a_computer_that_was_held_up_fails_nobody() -> None:
         assert finding.verdict is verdict
 
 
+# Made once: to make a strategy anew for each event takes longer than to draw from it.
+AFTER, LINKS = st.sampled_from([0.0, 0.01, 0.3, 1.0, 6.0]), st.integers(1, 3)
+KINDS, SPEEDS = st.sampled_from(Kind), st.floats()
+BYTES = st.sampled_from(FRAMES) | st.binary(max_size=40)
+TEXTS = st.sampled_from([*STEPS, *LOSSES, STANDS, TURNS])
+
+
 @st.composite
 def traces(draw: st.DrawFn) -> list[Event]:
     """Any events in any order, their times ascending."""
     events = []
     at = 0.0
     for _ in range(draw(st.integers(0, 60))):
-        at += draw(st.sampled_from([0.0, 0.01, 0.3, 1.0, 6.0]))
-        kind = draw(st.sampled_from(Kind))
-        data = b''
-        if kind in (Kind.SENT, Kind.SAID):
-            data = draw(st.one_of(st.sampled_from(FRAMES), st.binary(max_size=40)))
-        text = draw(st.sampled_from([*STEPS, *LOSSES, STANDS, TURNS]))
-        value = draw(st.floats()) if kind is Kind.SPEED else 1.0
-        events.append(Event(at, kind, draw(st.integers(1, 3)), data, text, value))
+        at += draw(AFTER)
+        kind = draw(KINDS)
+        data = draw(BYTES) if kind in (Kind.SENT, Kind.SAID) else b''
+        value = draw(SPEEDS) if kind is Kind.SPEED else 1.0
+        events.append(Event(at, kind, draw(LINKS), data, draw(TEXTS), value))
     return events
 
 
