@@ -71,10 +71,11 @@ ARRIVING_QOS = latched(1000)
 """QoS of ``passings``. Passings that a source published before DDS discovered it also arrive."""
 
 DUE_EVERY = 0.2
-"""Time between two checks for results to publish or FINISH to request, in seconds."""
+"""Time between two checks for passings to process, results to publish or FINISH to request, in
+seconds."""
 
 GATHERED = 0.05
-"""Time for which the timekeeper collects passings to process them together, in seconds."""
+"""Maximum time between passings that count as having arrived together, in seconds."""
 
 HANG = 1.0
 """Time without any activity after which the timekeeper counts as having been away, in seconds."""
@@ -195,7 +196,6 @@ class Timekeeper(StrictNode):
         subscribe(msg.Passing, 'passings', self._alone(self._see), ARRIVING_QOS)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DUE_EVERY, self._alone(self._look), clock=steady)
-        self.create_timer(GATHERED, self._alone(self._take_waiting), clock=steady)
         known = f'with {len(self._desk.races)} races of this event'
         self.get_logger().info(f'The timekeeper keeps its book in {book}, {known}')
 
@@ -321,6 +321,7 @@ class Timekeeper(StrictNode):
     # ----- outputs ------------------------------------------------------------------------
 
     def _look(self) -> None:
+        self._take_waiting()
         now = clock.now()
         seen, last = self._desk.standings(now), self._shown
         if last is None or seen[1:] != last[1:] or now - last.stamp > SHOWN_EVERY:
