@@ -175,6 +175,9 @@ def test_a_first_crossing_that_is_of_before_green_by_its_sources_clock_never_cou
 def test_what_means_nothing_is_refused_and_changes_nothing(
     event: Event, asked: Correction
 ) -> None:
+    assert not event.correct(Act.COUNT, 1)
+    event.form('Heat 1')
+    assert not event.correct(Act.COUNT, 1)
     event.start('Heat 1', 1, 2)
     event.lap(1, 1)
     before = event.desk.standings()
