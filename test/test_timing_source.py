@@ -21,6 +21,7 @@ from evgp_testing.part import PATIENCE
 from evgp_testing.process import Process
 from evgp_testing.ros_side import RosSide
 from evgp_timing import node
+from evgp_timing.passings import Event
 from evgp_timing.timekeeper import passing_of
 from evgp_timing.window import Client
 import pytest
@@ -122,46 +123,46 @@ def of(heard: msg.Passing) -> Passing:
     return passing_of(heard)._replace(source='', session='', number=0)
 
 
-@pytest.mark.parametrize('kind', ['p3', 'lines'])
+def passings(records: list[tuple[bytes, Event]]) -> list[Passing]:
+    """Return the passings in these records, without numbers."""
+    return [each._replace(number=0) for _, each in records if isinstance(each, Passing)]
+
+
 def test_what_a_device_sends_is_heard_as_it_came_without_gates_also_by_who_comes_later(
-    kind: str,
-    listener: Listener,
-    domain: int,
-    terminal: tuple[int, str],
-    server: socket.socket,
-    parts: contextlib.ExitStack,
+    listener: Listener, domain: int, server: socket.socket, parts: contextlib.ExitStack
 ) -> None:
-    """Lines over a real pseudo-terminal, P3 over real TCP; each record in two pieces."""
-    records = P3_LIVE if kind == 'p3' else RECORDED[kind]
+    """Each record comes in two pieces."""
     gates = ('9992', '9995')
-    sent = [
-        event
-        for _, event in records
-        if isinstance(event, Passing) and event.transponder not in gates
-    ]
-    line, path = terminal
-    device = at(server) if kind == 'p3' else path
-    given = {'kind': kind, 'device': device, 'source': 'north', 'gates': ', '.join(gates)}
+    sent = [each for each in passings(P3_LIVE) if each.transponder not in gates]
+    given = {'kind': 'p3', 'device': at(server), 'source': 'north', 'gates': ', '.join(gates)}
     source = parts.enter_context(Process('evgp_timing', 'timing_source', domain, given))
-    if kind == 'p3':
-        line = os.dup(parts.enter_context(server.accept()[0]).fileno())
-        parts.callback(os.close, line)
-    else:
-        listener.wait_for_status(DiagnosticStatus.OK)
-    for record, _ in records:
+    decoder = parts.enter_context(server.accept()[0])
+    for record, _ in P3_LIVE:
         for piece in (record[:7], record[7:]):
-            os.write(line, piece)
+            decoder.sendall(piece)
 
     heard = listener.wait_for_passings(len(sent))
     listener.wait_for_status(DiagnosticStatus.WARN, passings=str(len(sent)), missed='0')
     later = parts.enter_context(Listener(domain, 'later')).wait_for_passings(len(sent))
     for each in (heard, later):
-        assert [of(one) for one in each] == [event._replace(number=0) for event in sent]
+        assert [of(one) for one in each] == sent
     assert {each.source for each in heard} == {'north'}
     identities = [(each.session, each.number) for each in heard]
     assert identities == [(each.session, each.number) for each in later]
     assert len(set(identities)) == len(sent)
     assert source.close() == 0
+
+
+def test_what_comes_over_a_serial_line_is_heard(
+    start: Start, listener: Listener, terminal: tuple[int, str]
+) -> None:
+    device, path = terminal
+    start(kind='lines', device=path)
+    listener.wait_for_status(DiagnosticStatus.OK)
+    for record, _ in RECORDED['lines']:
+        os.write(device, record)
+    sent = passings(RECORDED['lines'])
+    assert [of(each) for each in listener.wait_for_passings(len(sent))] == sent
 
 
 def test_a_decoder_that_is_gone_is_told_and_read_again_once_it_is_back(
