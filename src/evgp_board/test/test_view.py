@@ -187,6 +187,15 @@ def test_a_silent_race_control_is_gone_whatever_it_said_last() -> None:
     assert view.board(Heard())['stale']
 
 
+@pytest.mark.parametrize(('kind', 'head'), view.DANGERS.items())
+def test_a_race_control_that_is_unreliable_is_shown_in_place_of_the_state(
+    kind: AlertKind, head: str
+) -> None:
+    heard = Heard(race(kart(7), alerts=(Alert(kind, 0, 0.0, '', False),)))
+    for page in (view.board(heard), view.results(heard), view.kart(heard, 7)):
+        assert (page['head'], page['tone']) == (head, 'bad')
+
+
 def test_a_team_sees_when_its_kart_answered() -> None:
     link = NOT_MEASURED._replace(grade=Grade.GOOD, round_trip=0.0181)
     seen = kart(
