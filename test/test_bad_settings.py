@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import pathlib
 from typing import Any
 
@@ -15,11 +16,13 @@ from evgp_node.process import WRONG_SETTING
 from evgp_rcs.ros import settings
 from evgp_rcs_console import button
 from evgp_testing import race_control
+from evgp_testing.domains import Domain
 from evgp_testing.process import Process
 from evgp_testing.ros_side import joined
 from evgp_timing import node as timing_source
 from evgp_timing import timekeeper
 import pytest
+from rclpy.context import Context
 
 FILES = {
     'karts.yaml': 'karts: [{number: 1, team: One, address: 127.0.1.1, in_race: true}]',
@@ -102,15 +105,22 @@ WRONG_VALUES = {
 """Parameters of each program, by the module that reads them, and what is said of them."""
 
 
+@pytest.fixture(scope='module')
+def context() -> Iterator[Context]:
+    """Return a ROS context for nodes that only read their parameters."""
+    with Domain() as domain, joined(domain.number) as context:
+        yield context
+
+
 @pytest.mark.parametrize(
     ('module', 'given', 'said'),
     [(module, *row) for module, rows in WRONG_VALUES.items() for row in rows],
 )
 def test_a_wrong_value_is_named_with_what_is_possible(
-    module: Any, given: list[str], said: str, domain: int
+    module: Any, given: list[str], said: str, context: Context
 ) -> None:
     arguments = ['--ros-args', *(word for each in given for word in ('-p', each))]
-    with joined(domain) as context, pytest.raises(ParameterError, match=said):
+    with pytest.raises(ParameterError, match=said):
         module.read_settings(StrictNode('it', context=context, cli_args=arguments))
 
 
