@@ -183,20 +183,34 @@ ASKING = """
 import sys
 from evgp_rcs.spare import neighbours
 neighbours.ASK_FOR = 1.0
-print(neighbours.ask(sys.argv[1], 'eth0'))
+for _ in sys.stdin:
+    print(neighbours.ask(sys.argv[1], 'eth0'), flush=True)
 """
 
 
-def ask(machine: Namespace, under: tuple[str, ...], **environment: str) -> str:
-    """Have a program ask there who has race control's address, and return what it says."""
+@contextlib.contextmanager
+def asking(
+    machine: Namespace, under: tuple[str, ...], **environment: str
+) -> Iterator[Callable[[], str]]:
+    """Yield a function that has a program ask there who has race control's address."""
     with machine.inside():
-        return subprocess.run(
+        program = subprocess.Popen(
             [*under, sys.executable, '-c', ASKING, RACE_CONTROL],
             env={**os.environ, **environment},
-            capture_output=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
             text=True,
-            check=True,
-        ).stdout.removesuffix('\n')
+        )
+    assert program.stdin is not None
+    assert program.stdout is not None
+    with program, program.stdin as words:
+        said = program.stdout
+
+        def ask() -> str:
+            print(file=words, flush=True)
+            return said.readline().removesuffix('\n')
+
+        yield ask
 
 
 def rights_of(pid: int) -> int:
@@ -238,12 +252,13 @@ def test_a_raw_socket_or_arping_asks_and_without_either_it_is_not_known(
         need_arping()
     with two_machines() as (own, other):
         words = under if isinstance(under, tuple) else under_the_unit()
-        for answers in (False, True):
-            if answers:
-                other.ip(f'addr add {RACE_CONTROL}/24 dev eth0')
-            said = ask(own, words, **({'PATH': path} if path else {}))
-            assert (said == '') == (knows and not answers), said
-            assert (hardware_of(other) in said) == (knows and answers), said
+        with asking(own, words, **({'PATH': path} if path else {})) as ask:
+            for answers in (False, True):
+                if answers:
+                    other.ip(f'addr add {RACE_CONTROL}/24 dev eth0')
+                said = ask()
+                assert (said == '') == (knows and not answers), said
+                assert (hardware_of(other) in said) == (knows and answers), said
 
 
 @pytest.mark.parametrize('raw', [True, False], ids=['raw socket', 'arping'])
@@ -255,14 +270,15 @@ def test_a_second_interface_of_this_machine_on_that_network_is_no_rival_and_hide
         need_arping()
     with two_machines() as (own, other):
         own.ip(f'addr add {RACE_CONTROL}/24 dev eth0')
-        for turn in range(4):
-            if turn:
-                other.ip(f'addr replace {RACE_CONTROL}/24 dev eth0')
-            said = ask(own, () if raw else PLAIN)
-            # arping hears the first answer only, which may be this machine's own.
-            names_it, allows = hardware_of(other) in said, said == ''
-            right = [(turn > 0, turn == 0), *([] if raw else [(False, False)])]
-            assert (names_it, allows) in right, said
+        with asking(own, () if raw else PLAIN) as ask:
+            for turn in range(4):
+                if turn:
+                    other.ip(f'addr replace {RACE_CONTROL}/24 dev eth0')
+                said = ask()
+                # arping hears the first answer only, which may be this machine's own.
+                names_it, allows = hardware_of(other) in said, said == ''
+                right = [(turn > 0, turn == 0), *([] if raw else [(False, False)])]
+                assert (names_it, allows) in right, said
 
 
 def test_where_it_cannot_be_known_no_proof_of_an_orderly_end_is_believed_and_nothing_is_hidden(
