@@ -33,12 +33,23 @@ def test_the_plugin_loads_neither_ros_nor_qt_nor_the_officials_window() -> None:
 
 
 FAILING = """
+import os
+import pytest
+
 def test_beside_race_control(start_race_control):
     start_race_control(in_race=[7])
     assert not 'found out'
 
 def test_with_chance(chance):
     assert not chance.randrange(10**9), 'the chance fell'
+
+@pytest.mark.own_process
+def test_that_fails():
+    assert not os.getenv('EVGP_TEST_IN_OWN_PROCESS'), 'in its own'
+
+@pytest.mark.own_process
+def test_that_cannot_run():
+    pytest.skip('for a reason')
 """
 
 
@@ -59,14 +70,23 @@ def run_pytest(folder: pathlib.Path, *arguments: str) -> str:
 def test_a_failure_shows_what_its_processes_printed_and_the_seed_that_gives_it_again(
     tmp_path: pathlib.Path,
 ) -> None:
-    """In a worker, whose report has to reach the process that prints it."""
+    """In a worker, whose report has to reach the process that prints it; some in their own."""
     (tmp_path / 'test_failing.py').write_text(FAILING, encoding='utf-8')
-    printed = run_pytest(tmp_path, '-n', '1')
+    (tmp_path / 'test_second.py').write_text('def test_after(): ...\n', encoding='utf-8')
+    printed = run_pytest(tmp_path, '-n', '1', '-rA')
     assert re.search(r'^-+ rcs_node \(\d+, runs\) -+$', printed, re.MULTILINE)
     assert re.search(r'listens for .* port \d+', printed)
-    (seed,) = {*re.findall(r'--seed (\d+)', printed)}
+    for outcome in (
+        'FAILED test_failing.py::test_that_fails - ',
+        'SKIPPED [1] ',
+        'PASSED test_second.py::test_after',
+    ):
+        assert re.search(f'^{re.escape(outcome)}', printed, re.MULTILINE), printed
+    assert 'in its own' in printed
+    assert 'for a reason' in printed
+    seeds = re.findall(r'--seed (\d+)', printed)
     fell = re.findall(r'assert not (\d+)', printed)
-    again = run_pytest(tmp_path, '--seed', seed, '-k', 'chance')
+    again = run_pytest(tmp_path, '--seed', seeds[0], '-k', 'chance')
     assert re.findall(r'assert not (\d+)', again) == fell
 
 
@@ -99,26 +119,3 @@ def test_a_plain_kart_keeps_when_it_was_sent_and_said_what() -> None:
     times += [cut, *in_pieces[1:]]
     assert times == sorted(times)
     assert kart.times[-1] <= kart.closed_at
-
-
-def test_tests_of_other_modules_run_after_one_in_its_own_process(tmp_path: pathlib.Path) -> None:
-    (tmp_path / 'test_first.py').write_text(
-        'import os, pytest\n'
-        'def test_plain(): ...\n'
-        '@pytest.mark.own_process\n'
-        'def test_that_fails(): assert not os.getenv("EVGP_TEST_IN_OWN_PROCESS"), "found out"\n'
-        '@pytest.mark.own_process\n'
-        'def test_that_cannot_run(): pytest.skip("for a reason")\n',
-        encoding='utf-8',
-    )
-    (tmp_path / 'test_second.py').write_text('def test_after(): ...\n', encoding='utf-8')
-    printed = run_pytest(tmp_path, '-rA')
-    for outcome in (
-        'PASSED test_first.py::test_plain',
-        'FAILED test_first.py::test_that_fails',
-        'PASSED test_second.py::test_after',
-    ):
-        assert outcome in printed.splitlines() or f'{outcome} - ' in printed, printed
-    assert 'found out' in printed
-    assert ' 1 skipped' in printed.splitlines()[-1]
-    assert 'for a reason' in printed
