@@ -223,16 +223,19 @@ def make(domain: int, *words: str) -> Program:
 
 
 def test_a_second_official_sees_and_stops_the_race_from_another_machine_by_the_lines_of_the_docs(
-    networks: TwoNetworks, parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
+    networks: TwoNetworks,
+    parts: contextlib.ExitStack,
+    domain: int,
+    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    roster, parameters = tmp_path / 'karts.yaml', tmp_path / 'rcs.yaml'
+    monkeypatch.setenv('ROS_HOME', str(tmp_path))  # for record and book
+    roster = tmp_path / 'karts.yaml'
     roster.write_text('karts:\n- {number: 1, team: A, address: 10.77.0.101, in_race: true}\n')
-    record = tmp_path / 'record.sqlite3'
-    parameters.write_text(f'/**:\n  ros__parameters:\n    record: {record}\n')
     # Its own addresses on each machine, as docs/operations.md has it.
-    files = f'ROSTER={roster}', f'PARAMS={parameters}'
     with networks.own.inside():
-        run = make(domain, 'run', *files, f'OFFICIALS={OFFICIALS}', f'ADDRESS={KARTS}')
+        addresses = f'OFFICIALS={OFFICIALS}', f'ADDRESS={KARTS}'
+        run = make(domain, 'run', f'ROSTER={roster}', *addresses)
     parts.enter_context(run)
 
     def official(arguments: str, *words: str) -> tuple[int, str]:
