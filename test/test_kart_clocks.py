@@ -94,7 +94,7 @@ class Kart(Team):
             self.control.exchange(GRID_ACTIVE)
             self.control.say(GREEN_GREEN)
             with self.news:
-                if self.news.wait_for(lambda: (self.speed or 0.0) >= 2.0, 5.0):
+                if self.news.wait_for(lambda: (self.speed or 0.0) >= 0.5, 5.0):
                     return
         raise AssertionError(f'no way to GREEN_GREEN in {ATTEMPTS} attempts')
 
