@@ -10,7 +10,7 @@ The third writes the record, and karts go on without it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 import ctypes
 import os
@@ -55,18 +55,25 @@ def started(folder: pathlib.Path) -> Iterator[WireRace]:
     replay_without_difference(folder / 'record.sqlite3')
 
 
-@pytest.fixture
-def scene(tmp_path: pathlib.Path) -> Iterator[WireRace]:
-    """Return a race for this test alone."""
-    with started(tmp_path) as race:
-        yield race
-
-
 @pytest.fixture(scope='module')
-def lasting(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireRace]:
-    """Return a race for the tests that end no process of it."""
-    with started(tmp_path_factory.mktemp('lasting')) as race:
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], WireRace]]:
+    """Return a function that returns a race, and another one once that has ended."""
+    races: list[WireRace] = []
+    with contextlib.ExitStack() as stack:
+
+        def race() -> WireRace:
+            if not races or not races[-1].control.runs:
+                stack.close()
+                races.append(stack.enter_context(started(tmp_path_factory.mktemp('race'))))
+            return races[-1]
+
         yield race
+
+
+@pytest.fixture
+def scene(running: Callable[[], WireRace]) -> WireRace:
+    """Return a race, which the test may end."""
+    return running()
 
 
 def wait_for_alert(official: Official, kind: int) -> msg.Race:
@@ -106,6 +113,38 @@ def _trace(request: int, thread: int) -> None:
     if _LIBC.ptrace(request, thread, None, None):
         number = ctypes.get_errno()
         raise OSError(number, f'ptrace of thread {thread}: {os.strerror(number)}')
+
+
+def mapped(pid: int) -> str:
+    return pathlib.Path(f'/proc/{pid}/maps').read_text(encoding='utf-8')
+
+
+def test_the_process_that_stops_karts_has_no_ros_and_the_other_no_memory_of_other_programs(
+    scene: WireRace,
+) -> None:
+    control = scene.control
+    assert 'rclpy' in mapped(control.pid)  # or this would not be how it is seen
+    for what in ('rclpy', 'librcl', 'librmw', 'fastrtps', 'fastdds', 'cyclone'):
+        assert what not in mapped(control.kart_server_pid)
+    for pid in (control.pid, control.kart_server_pid):
+        assert 'shm/fast' not in mapped(pid)  # where Fast DDS has its shared memory
+
+
+def test_all_of_race_control_comes_before_other_programs_and_the_loop_of_the_karts_first(
+    scene: WireRace,
+) -> None:
+    if not may_come_first():
+        cannot_run('it takes root, or a limit for the user')
+    control = scene.control
+    processes = [control.pid, control.kart_server_pid, control.record_pid]
+    taking_stops = receiving_threads(control.pid, UNICAST_CALLS + 250 * scene.domain)
+    for each in (*processes, *taking_stops):
+        assert os.getpriority(os.PRIO_PROCESS, each) == NICENESS
+    session = pathlib.Path(f'/proc/{control.kart_server_pid}/autogroup')
+    if session.exists():  # Linux shares by sessions, and this one is the kart server's own
+        assert session.read_text().split()[-1] == str(NICENESS)
+    first = [each for each in processes if os.sched_getscheduler(each) != os.SCHED_OTHER]
+    assert first == [control.kart_server_pid]
 
 
 def test_every_kart_hears_red_red_when_a_thread_that_receives_for_dds_hangs(
@@ -189,35 +228,3 @@ def test_no_race_starts_while_a_disk_hangs_one_goes_on_without_a_record_and_none
         kart.wait_for_end()
     assert scene.control.wait() == 1
     wait_until_ended(scene.control.kart_server_pid)
-
-
-def mapped(pid: int) -> str:
-    return pathlib.Path(f'/proc/{pid}/maps').read_text(encoding='utf-8')
-
-
-def test_the_process_that_stops_karts_has_no_ros_and_the_other_no_memory_of_other_programs(
-    lasting: WireRace,
-) -> None:
-    control = lasting.control
-    assert 'rclpy' in mapped(control.pid)  # or this would not be how it is seen
-    for what in ('rclpy', 'librcl', 'librmw', 'fastrtps', 'fastdds', 'cyclone'):
-        assert what not in mapped(control.kart_server_pid)
-    for pid in (control.pid, control.kart_server_pid):
-        assert 'shm/fast' not in mapped(pid)  # where Fast DDS has its shared memory
-
-
-def test_all_of_race_control_comes_before_other_programs_and_the_loop_of_the_karts_first(
-    lasting: WireRace,
-) -> None:
-    if not may_come_first():
-        cannot_run('it takes root, or a limit for the user')
-    control = lasting.control
-    processes = [control.pid, control.kart_server_pid, control.record_pid]
-    taking_stops = receiving_threads(control.pid, UNICAST_CALLS + 250 * lasting.domain)
-    for each in (*processes, *taking_stops):
-        assert os.getpriority(os.PRIO_PROCESS, each) == NICENESS
-    session = pathlib.Path(f'/proc/{control.kart_server_pid}/autogroup')
-    if session.exists():  # Linux shares by sessions, and this one is the kart server's own
-        assert session.read_text().split()[-1] == str(NICENESS)
-    first = [each for each in processes if os.sched_getscheduler(each) != os.SCHED_OTHER]
-    assert first == [control.kart_server_pid]
