@@ -15,8 +15,9 @@ import time
 
 from evgp_node import graph
 from evgp_node.restarting import IN_THE_WAY
+from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
-from evgp_rcs.record.run_mark import place, RUN_BEGAN, RunMark
+from evgp_rcs.record.run_mark import FOLDER, place, RUN_BEGAN, RunMark
 from evgp_rcs.rules.race import LastRun
 from evgp_rcs.spare.copies import ORIGIN
 from evgp_testing.part import PATIENCE
@@ -91,9 +92,12 @@ def test_a_spare_takes_over_and_sends_every_kart_red_red_and_ends_when_the_first
     monkeypatch.delenv(graph.INTERFACE)  # this process's own node uses only loopback
     official = event.official(event.first)
     official.wait_for_connected(*NUMBERS)
+    event.copy()  # in which nothing is under way
     official.bring_to(RaceState.GREEN_GREEN, *NUMBERS)
     official.command('kart/red_red', kart=3)
-    event.copy()
+    # As an earlier takeover that ended in order leaves it; the first has raced on since.
+    mark = place(RACE_CONTROL, DEFAULT_PORT).relative_to(FOLDER.parent)
+    RunMark(event.folder / 'disk of the spare' / mark).end(LastRun.ENDED)
 
     died_at = time.monotonic()
     event.plug('first-karts', up=False)
