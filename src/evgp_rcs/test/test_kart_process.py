@@ -304,5 +304,7 @@ def test_a_hearing_thread_that_fails_ends_race_control_which_takes_no_module_fro
     client = KartServerClient(begin, broken, ended.put)
     client.start()
     assert 'ZeroDivisionError' in ended.get(timeout=TIMEOUT)
+    with pytest.raises(KartServerError, match='use the MSR'):
+        client.command(ALL_KILL, clock.now())  # at once, and not after a wait for an answer
     assert client._process.wait(TIMEOUT) == 1  # and every kart was sent RED_RED
     client.stop(in_order=False)
