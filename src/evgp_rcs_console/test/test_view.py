@@ -176,9 +176,13 @@ def test_to_open_the_track_under_the_msr_the_official_states_that_every_kart_sta
     ):
         offered = offers(Availability(CommandKind.OPEN_TRACK, True, statement=statement))
         track = replace(RACE.track, allowed=True, msr_used=by_msr)
-        condition = screen_of(track=track, commands=offered).track_button.question.condition
+        screen = screen_of(track=track, commands=offered)
+        condition = screen.track_button.question.condition
         assert statement in condition
         assert ('every kart is standing still' in condition) is by_msr
+        # YES, AND ALSO of IN GARAGE opens the track, with the statement only if it is asked for.
+        with_garage = screen.race_button(CommandKind.IN_GARAGE).also
+        assert [each.stated for each in with_garage] == [bool(statement)] * (not by_msr)
 
 
 def test_the_release_of_a_kart_that_needs_the_msr_recedes_and_stays_possible() -> None:
