@@ -573,6 +573,25 @@ def test_a_start_that_waited_while_race_control_was_held_up_is_refused(run: Run)
     assert 'race control stalled for' in answer.message
 
 
+def test_a_start_is_judged_after_all_that_a_kart_had_said_before_it(run: Run) -> None:
+    running, _, two = on_the_grid(run(NO_BEAT))
+    held_up, go_on = threading.Event(), threading.Event()
+
+    def hold_up(event: Event) -> None:
+        if event.command is CommandKind.CLOSE_TRACK:
+            held_up.set()
+            go_on.wait(TIMEOUT)
+
+    running.on_event = hold_up
+    running.submit(Command(CommandKind.CLOSE_TRACK))
+    held_up.wait(TIMEOUT)
+    two.sendall(encode(RED_RED))  # it has stopped itself, and the kernel has that by now
+    start = running.submit(running.command(CommandKind.GREEN_GREEN))
+    go_on.set()
+
+    assert 'kart 2: stopped itself' in start.result(TIMEOUT).message
+
+
 def test_an_error_nobody_foresaw_sends_red_red_to_every_kart_and_ends_the_server(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
