@@ -44,6 +44,7 @@ from evgp_rcs_console.command_line import (
 )
 from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.ctl_ros import Hearing
+from evgp_rcs_console.texts import GONE_REASON
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
@@ -269,9 +270,12 @@ def test_a_client_notices_two_race_controls(parts: contextlib.ExitStack, domain:
         publish = side.node.create_publisher(msg.Race, '/rcs/race', latched(1)).publish
         side.node.create_timer(0.2, functools.partial(publish, message_of(NOTHING, msg.Race)))
         side.spin()
-    hearing = Hearing()
-    with client_of(domain, hearing):
+    heard, hearing = side.hear(msg.Presence, '/rcs/presence'), Hearing()
+    with client_of(domain, hearing, there='rcs_gui') as client:
         assert hearing.wait_for(lambda: hearing.two, now() + PATIENCE)
+        # Neither takes a stop, so nobody can stop the race from here.
+        side.wait_until_polled(lambda: client.announce('Anna', '') or heard, 'a presence')
+    assert 'cannot find' in heard[0].fault
 
 
 def test_a_watch_shows_the_race_until_it_ends_and_at_a_terminal_only_somebody_is_there(
@@ -290,8 +294,10 @@ def test_a_watch_shows_the_race_until_it_ends_and_at_a_terminal_only_somebody_is
 
     with contextlib.closing(at_terminal(control.domain, 'watch')) as watch:
         watch.wait_for('1 official can stop the race')
+        heard = official.hear(msg.Presence, '/rcs/presence')
         control.close()
         watch.wait_for('RACE CONTROL HAS ENDED: NO STOP WORKS NOW')
+        official.wait_until(lambda: heard and heard[-1].fault == GONE_REASON, lambda: str(heard))
         watch.process.send_signal(signal.SIGINT)
         assert watch.end() == ACCEPTED
 

@@ -544,8 +544,10 @@ def test_nothing_is_cut_overlaps_moves_or_covers_a_stop_or_the_number_of_any_kar
     console.inbox.on_race(plain, clock.now(), True)
     look('two')
     assert console.text('danger_advice') == texts.TWO_ADVICE
+    assert not console.window.unheard
     console.settle(1.2)
     look('gone')
+    assert console.window.unheard == texts.GONE_REASON  # so it announces that it cannot stop
 
     assert not sorted(found)
 
