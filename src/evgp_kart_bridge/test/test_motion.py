@@ -26,14 +26,16 @@ def test_an_honest_twist_is_believed_as_it_is(
         assert not motion.contradiction
 
 
-@given(st.floats(0.2, 20.0), st.floats(0.02, 0.1))
-def test_a_pose_that_moves_is_a_speed_whatever_the_twist_says(speed: float, step: float) -> None:
-    motion = Motion()
+@given(st.floats(0.2, 20.0), st.floats(0.02, 0.1), st.sampled_from([0.0, 0.4]))
+def test_a_pose_that_moves_is_a_speed_whatever_the_twist_says(
+    speed: float, step: float, share: float
+) -> None:
+    motion, twist = Motion(), share * speed if speed > 0.6 else 0.0
     turns = math.ceil((WINDOW + step) / step) + 1
     for turn in range(-turns, 0):  # at first, its twist is right
         motion.speed(speed, 0.0, speed * turn * step, turn * step)
-    found = [motion.speed(0.0, 0.0, speed * turn * step, turn * step) for turn in range(turns)]
-    assert found[-1] > 0.05
+    found = [motion.speed(twist, 0.0, speed * turn * step, turn * step) for turn in range(turns)]
+    assert found[-1] > max(0.05, twist)
     assert motion.contradiction
     # It stands, and has stood for long enough.
     after = [

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, get_type_hints
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from evgp_node.codec import constants_of, message_of, value_of
 from evgp_node.results import (
     HeatGrid,
@@ -21,7 +22,7 @@ from evgp_node.results import (
     Status,
 )
 from evgp_protocol.link import Grade
-from evgp_rcs.ros.messages import event_of, events_message
+from evgp_rcs.ros.messages import diagnostics_message, event_of, events_message
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality
 from evgp_rcs.rules.race import (
@@ -139,6 +140,15 @@ def test_a_time_counts_from_where_the_clock_of_the_value_began() -> None:
     assert value_of(message, Alert) == dataclasses.replace(alert, since=3.5)
     race = NOTHING._replace(alerts=(alert,))
     assert message_of(race, msg.Race, wall_ns=1_000_000_000).alerts == [message]
+
+
+def test_diagnostics_name_the_msr_first_however_new_another_error_is() -> None:
+    newest, msr = (
+        Alert(kind, 0, 0.0, f'it is {kind.value}', use_msr=kind is AlertKind.RED_UNACKNOWLEDGED)
+        for kind in (AlertKind.RECORD_FAILING, AlertKind.RED_UNACKNOWLEDGED)
+    )
+    race, *_ = diagnostics_message(NOTHING._replace(alerts=(newest, msr)), 0, 'rcs').status
+    assert (race.level, race.message) == (DiagnosticStatus.ERROR, msr.told)
 
 
 def test_sentences_can_be_changed_on_the_way_out_of_a_message_and_names_cannot() -> None:
