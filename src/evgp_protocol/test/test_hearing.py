@@ -13,7 +13,7 @@ from evgp_protocol import hearing
 from evgp_protocol.frames import encode, FrameDecoder, StateFrame
 from evgp_protocol.hearing import DEAF, Heard, Hearing, NO_ORDER, ONCE, QUIET
 from evgp_protocol.states import RaceState
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import pytest
 
@@ -387,6 +387,15 @@ pieces = happening(
 )
 
 
+@example(  # a frame that began while nothing counted, and ends when everything does
+    [
+        ('order', (0, True)),
+        ('flood', (1,)),
+        *(('say', (encode(STATES[0])[:5],)), ('listen', (SMALL_FLOOD,)), ('beat', (20,))),
+        *(('say', (encode(STATES[0])[5:],)), ('listen', (SMALL_FLOOD,))),
+    ],
+    8.0,
+)
 @given(st.lists(pieces, min_size=20, max_size=60), st.sampled_from([8.0, 16.0]))  # exact floats
 @settings(max_examples=200)
 def test_a_frame_answers_the_first_order_of_its_state_that_all_of_it_came_after(
