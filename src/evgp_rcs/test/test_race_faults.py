@@ -400,6 +400,8 @@ a release that was sent before race control was cut off is taken: effect, availa
     [network and pauses] _lose_track: instead of _pause: if late: ¶> self._pause(cause, now, late)
 every kart of the race that goes silent changes nothing: cut-off, effect [silence on the grid]
     disconnected: skips _check_whether_all_went_silent
+one kart that goes silent beside another one is race control that is cut off: effect, sent-wrong
+    [silence on the grid] _check_whether_all_went_silent: len 1 => False
 one kart that goes silent in the garage is race control that is cut off: effect, sent-wrong
     [silence in the garage] _check_whether_all_went_silent: len in_garage => len(silent) > 0
 a kart that goes silent outside the race stops it: effect, sent-wrong [silence outside]
