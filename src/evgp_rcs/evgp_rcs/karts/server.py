@@ -341,7 +341,8 @@ class KartServer:
                 self._stops.append(message)
             else:
                 self._commands.append(message)
-                self._loop.call_soon(self._take_command)  # the loop first reads what lies there
+                # One turn of the loop reads what lies there, and the next tells which links ended.
+                self._loop.call_soon(self._loop.call_soon, self._take_command)
         elif isinstance(message, Alive):
             if message.rival != self._race.has_rival:
                 self._take(inputs.Rival(self.now(), message.rival))
