@@ -62,9 +62,9 @@ class SeenCommands(Aim[Shown]):
     def change_to(self, screen: Screen, now: float) -> None:
         """Replace the current screen. Call this before any widget shows the new screen."""
         # A snapshot without sense fails here, so that keys still send the last screen's stops.
-        before, commands = self.screen, _commands(screen)
+        before, commands = self.screen, screen.commands
         self.screen = screen
-        if before.rows and _commands(before) != commands:
+        if before.rows and before.commands != commands:
             self.change(self._saw(before), now)
 
     @contextlib.contextmanager
@@ -83,12 +83,6 @@ class SeenCommands(Aim[Shown]):
             if (button := each.button) is not None and each.isVisible()
         ]
         return Shown(screen, tuple(buttons))
-
-
-def _commands(screen: Screen) -> list[object]:
-    """Return the commands of all buttons, in an order that follows their places."""
-    gives = [button.gives for button in (*screen.buttons, *screen.heats)]
-    return [(each.command, each.kart, each.heat) for each in gives]
 
 
 class Inbox(QtCore.QObject):

@@ -56,8 +56,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         painter.setRenderHint(QtGui.QPainter.RenderHint.Antialiasing)
         if is_chosen:
             painter.fillRect(room, QtGui.QColor(colours.raised))
-        line = QtCore.QRect(room.left(), room.bottom(), room.width(), 1)
-        painter.fillRect(line, QtGui.QColor(colours.line))
+        painter.fillRect(room.adjusted(0, room.height() - 1, 0, 0), QtGui.QColor(colours.line))
         if not index.column() and (row.use_msr or is_chosen):
             edge = FILLS[Tone.BAD][1] if row.use_msr else colours.chosen
             painter.fillRect(room.adjusted(0, 0, look.px(5) - room.width(), 0), QtGui.QColor(edge))
@@ -99,8 +98,8 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         if column == LINK and row.bars:
             room = self._draw_bars(painter, row, room, ink)
         is_team = column == TEAM
-        wide = QtGui.QFontMetrics(small).horizontalAdvance(below.text) + look.px(6)
-        is_long = is_team and wide > room.width()
+        metrics, most = QtGui.QFontMetrics(small), room.width() - look.px(6)
+        is_long = is_team and metrics.horizontalAdvance(below.text) > most
         inner = _centred(room, 56 if is_long else 38)
         half = min(inner.height() * 11 // 20, look.px(21))
         upper, lower = (
@@ -139,11 +138,12 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
     ) -> QtCore.QRect:
         """Draw the bars of a link and return the room to the right of them."""
         high, left = min(room.height() - look.px(10), look.px(18)), room.left() + look.px(3)
-        foot = room.top() + (room.height() + high) // 2
+        foot, wide, radius = room.top() + (room.height() + high) // 2, look.px(4), look.px(1)
+        painter.setPen(QtCore.Qt.PenStyle.NoPen)
         for bar in range(1, MOST_BARS + 1):
             tall = high * bar // MOST_BARS
-            shade = ink if bar <= row.bars else f'#30{ink[1:]}'
-            _box(painter, QtCore.QRect(left, foot - tall, look.px(4), tall), shade, radius=1)
+            painter.setBrush(QtGui.QColor(ink if bar <= row.bars else f'#30{ink[1:]}'))
+            painter.drawRoundedRect(left, foot - tall, wide, tall, radius, radius)
             left += look.px(6)
         return room.adjusted(left + look.px(3) - room.left(), 0, 0, 0)
 
@@ -252,11 +252,6 @@ class KartTable(QtWidgets.QTableWidget):
             self.scrollTo(self.model().index(place, 0))
 
 
-def _looks(row: Row) -> list[tuple[object, ...]]:
-    """Return everything that decides how each cell looks, apart from what all cells share."""
-    return [(*cell, row.in_race, row.use_msr, row.waits, row.bars) for cell in row.cells]
-
-
 def _tiles(rows: tuple[Row, ...], stale: bool) -> object:
     """Return what the tiles show of the rows."""
     return stale, [(row.number, row.link.tone, row.sent, row.answer.tone) for row in rows]
@@ -325,15 +320,16 @@ class KartList(Panel):
         table.rows, table.stale = rows, screen.danger.stale
         table.setRowCount(len(rows))
         for place, row in enumerate(rows):
-            looked = _looks(before[place]) if place < len(before) else [()] * len(COLUMNS)
-            for number, (was, looks) in enumerate(zip(looked, _looks(row), strict=True)):
+            looked = before[place].looks if place < len(before) else [()] * len(COLUMNS)
+            for number, (was, looks) in enumerate(zip(looked, row.looks, strict=True)):
                 if was != looks:
                     said = filter(None, (cell.text for cell in row.cells[number]))
                     table.setItem(place, number, QtWidgets.QTableWidgetItem('\n'.join(said)))
             for number, command in enumerate(row.buttons, len(COLUMNS)):
-                if table.cellWidget(place, number) is None:
-                    table.setCellWidget(place, number, CommandButton())
-                table.cellWidget(place, number).show_button(command)
+                if (button := table.cellWidget(place, number)) is None:
+                    button = CommandButton()
+                    table.setCellWidget(place, number, button)
+                button.show_button(command)
         if stale != screen.danger.stale:
             table.viewport().update()
         if _tiles(before, stale) != _tiles(rows, screen.danger.stale):

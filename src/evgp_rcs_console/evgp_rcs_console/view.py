@@ -222,6 +222,11 @@ class Row:
             (Cell(self.place), Cell(self.gap)),
         )
 
+    @functools.cached_property
+    def looks(self) -> list[tuple[object, ...]]:
+        """Return everything that decides how each cell looks, apart from what all cells share."""
+        return [(*cell, self.in_race, self.use_msr, self.waits, self.bars) for cell in self.cells]
+
 
 COLUMNS = {'Kart': 46, 'Team': 0, 'Sent, for': 150, 'Answer': 104, 'Link': 78, 'Place, lap': 56}
 """
@@ -472,7 +477,7 @@ class Screen:
         steps = (self.race_button(command) for command in RACE_COMMANDS)
         return tuple(replace(each, is_next=each.command is self.next_step) for each in steps)
 
-    @property
+    @functools.cached_property
     def msr_button(self) -> Button:
         return self.race_button(CommandKind.RECORD_MSR)
 
@@ -481,7 +486,7 @@ class Screen:
         button = self.race_button(_offered(CommandKind.OPEN_TRACK, self.snapshot, None))
         return replace(button, phrase='to humans')
 
-    @property
+    @functools.cached_property
     def heat_button(self) -> Button:
         """Return the button that opens the sheet of heats, which also reads the roster again."""
         button = self.race_button(CommandKind.SET_HEAT)
@@ -522,29 +527,36 @@ class Screen:
         left = (each.name for each in race.heats if not _runs_of(each.name, timing))
         return next((name for name in left if name != race.heat), '')
 
-    @property
+    @functools.cached_property
     def rosters(self) -> tuple[Button, ...]:
         """Return the button that reads the roster file again, and the one that applies it."""
         return self.race_button(CommandKind.READ_ROSTER), self.race_button(CommandKind.TAKE_ROSTER)
 
     @functools.cached_property
     def buttons(self) -> tuple[Button, ...]:
-        """Return all buttons except those of the heats, and FINISH for each kart, for its key."""
+        """Return all buttons except those of the heats."""
         others = self.msr_button, self.track_button, self.heat_button, *self.rosters
-        of_karts = (each for row in self.rows for each in row.buttons)
-        finish = (self.kart_button(CommandKind.KART_FINISH, each) for each in self.snapshot.karts)
-        return *self.race, *others, *finish, *of_karts
+        return *self.race, *others, *(each for row in self.rows for each in row.buttons)
+
+    @functools.cached_property
+    def commands(self) -> list[object]:
+        """Return the commands of all buttons, in an order that follows their places."""
+        gives = [button.gives for button in (*self.buttons, *self.heats)]
+        return [(each.command, each.kart, each.heat) for each in gives]
 
     def button(self, command: Kind, kart: int = 0) -> Button | None:
-        return next(
-            (each for each in self.buttons if (each.command, each.kart) == (command, kart)), None
-        )
+        one = self.snapshot.kart(kart)
+        if one is not None and command is CommandKind.KART_FINISH:  # it always has a key
+            return self.kart_button(command, one)
+        found = (each for each in self.buttons if (each.command, each.kart) == (command, kart))
+        return next(found, None)
 
     def letter(self, kart: int) -> Button | None:
         return next((row.letter for row in self.rows if row.number == kart), None)
 
-    def needs_msr(self, kart: KartSnapshot | None) -> bool:
-        return kart is not None and kart.number in {each.kart for each in self.snapshot.msr_alerts}
+    @functools.cached_property
+    def need_msr(self) -> set[int]:
+        return {each.kart for each in self.snapshot.msr_alerts if each.kart}
 
     def _races(self, kart: KartSnapshot) -> bool:
         is_on = self.snapshot.state is RaceState.GREEN_GREEN and kart.in_race
@@ -631,8 +643,8 @@ class Screen:
         offered: Availability,
         key: str,
     ) -> Button:
-        entry = CATALOGUE[command]
-        waits = self.pending.get((command, kart.number if kart else 0))
+        entry, number = CATALOGUE[command], kart.number if kart else 0
+        waits = self.pending.get((command, number))
         reason = offered.reason
         if reason and offered.available_from is not None:
             left = texts.left(offered.available_from - self.now)
@@ -650,7 +662,7 @@ class Screen:
         }
         gives = Given(
             command,
-            kart.number if kart else 0,
+            number,
             stated=bool(offered.statement),
             taken={name: seen[name] for name in entry.takes if name in seen},
             at=0.0,
@@ -663,7 +675,7 @@ class Screen:
             question=Asked(command, self.snapshot, offered, kart, self.results),
             also=self._also(offered) if command is CommandKind.IN_GARAGE else (),
             key=key,
-            recedes=command is CommandKind.KART_IN_GARAGE and self.needs_msr(kart),
+            recedes=command is CommandKind.KART_IN_GARAGE and number in self.need_msr,
         )
 
 
@@ -814,7 +826,7 @@ answered an earlier order. After that time, the kart's row says what to do."""
 
 def _row(screen: Screen, kart: KartSnapshot, place: int) -> Row:
     race, now, shown = screen.snapshot, screen.now, screen.shown_results
-    use_msr = screen.needs_msr(kart)
+    use_msr = kart.number in screen.need_msr
     notes = [texts.USE_MSR] if use_msr else []
     if kart.in_doubt and not kart.settles:
         notes.append(texts.MSR_STOPS_IT if race.track.msr_used else texts.MAY_MOVE)
@@ -844,7 +856,6 @@ def _row(screen: Screen, kart: KartSnapshot, place: int) -> Row:
     key = FINISH_KEYS[place] if place < len(FINISH_KEYS) else ''
     letter = screen.letter_button(kart, key)
     asks = kart.sent is not RaceState.IN_GARAGE
-    answered = kart.acknowledged and not kart.in_doubt
     says, sent = '', STATE_CELLS[kart.sent]
     if kart.connected and kart.reported not in (None, kart.sent):
         says = f'says {STATES[kart.reported]}'
@@ -862,7 +873,7 @@ def _row(screen: Screen, kart: KartSnapshot, place: int) -> Row:
         sent=sent if kart.connected else sent._replace(tone=Tone.FAINT),
         since=_age(now - kart.sent_since),
         answer=_answer(kart, now, missing),
-        waits=kart.connected and asks and not answered,
+        waits=kart.connected and asks and (kart.in_doubt or not kart.acknowledged),
         says=says,
         place=timed.position(shown, kart.number) if shown else f'F{kart.place}' * bool(kart.place),
         gap=shown.behind(kart.number) if shown else '',

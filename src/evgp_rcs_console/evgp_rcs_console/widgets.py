@@ -68,12 +68,12 @@ def draw(
 
     If it does not fit, draw only the lines that do, and end the last with dots.
     """
-    metrics = QtGui.QFontMetrics(of)
     if fits(text, room, of, wrap):
         painter.setFont(of)
         painter.setPen(QtGui.QColor(colour))
         painter.drawText(room, align.value | (_WRAP if wrap else 0), text)
         return True
+    metrics = QtGui.QFontMetrics(of)
     if wrap and room.height() > metrics.height():
         over = room.height() % metrics.lineSpacing()
         room = room.adjusted(0, 0 if align & _FLAGS.AlignTop else over // 2, 0, 0)

@@ -66,7 +66,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         self.seen, self.unanswered = SeenCommands(self), Unanswered()
         self._latest = Latest(clock.now(), looking)
         self._waiting = inbox.waiting
-        self._style: object = None
+        self._style, self._second = (0.0, DAY), 0
         self._names = inbox.names
         self._arrange()
         self.bottom = BottomLine(self._status, self.unanswered)
@@ -246,7 +246,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         now, shown = clock.now(), self.seen.screen
         danger = self._latest.danger(now)
         # With the time of day, which changes every second, all ages are brought up to date.
-        is_due = self.unanswered or self._texts['time_of_day'].text() != time_of_day(time.time())
+        is_due = self.unanswered or self._second != int(time.time())
         if danger.title or is_due or shown.danger.title:
             self.refresh()
         warned = bool(danger.title) and self._latest.race is not None
@@ -259,7 +259,8 @@ class ConsoleWindow(QtWidgets.QWidget):
         """Show the newest snapshot, with all ages up to date."""
         now = clock.now()
         shown, screen = self.seen.screen, self._latest.screen(now, self.unanswered.ages(now))
-        self._texts['time_of_day'].show_text(time_of_day(time.time()))
+        self._second = int(time.time())
+        self._texts['time_of_day'].show_text(time_of_day(self._second))
         if screen.danger.title != shown.danger.title:
             self.alerts.alarm.sound_soon()
         self.seen.change_to(screen, now)
@@ -356,6 +357,5 @@ class ConsoleWindow(QtWidgets.QWidget):
 def _without_figures(race: Snapshot, results: Standings | None) -> object:
     """Return what a screen shows of a race, apart from times and the figures of links."""
     link = KartSnapshot._fields.index('link')
-    rest = link + 1
-    karts = [(kart[:link], kart.link.grade, kart[rest:]) for kart in race.karts]
+    karts = [(kart[:link], kart.link.grade, kart[link + 1 :]) for kart in race.karts]
     return race._replace(stamp=0.0, karts=()), karts, results and results._replace(stamp=0.0)
