@@ -422,13 +422,12 @@ class Keyboard:
             self._press_focused(at)  # a click has moved the focus from the answers to a stop
         elif stroke is not None and (stroke.digit or stroke.window == 'Backspace'):
             self._type(at, stroke.digit)
-        elif stroke is not None and stroke.stop and not stroke.asks:
-            self._press(stroke, at)  # a stop never waits for an answer
+        elif stroke is not None and stroke.commands:
+            if stroke.asks or not stroke.stop:
+                question.close_sheet()  # a Y that follows is not meant for it
+            self._press(stroke, at)
         elif stroke is not None:
-            self._chosen.clear()
-            can_answer = question.yes.isEnabled()
-            first = 'Answer the question first: Y or N'
-            self._bottom.say(first if can_answer else texts.ANSWER_NO, Tone.WAIT)
+            self._bottom.say('Answer the question first: Y or N', Tone.WAIT)
         return True
 
     def _press(self, stroke: Stroke, at: float) -> None:

@@ -177,8 +177,7 @@ class AlertBook:
 
         ended = [notice for notice in self.notices if not notice.lasts]
         if len(ended) > 1:
-            karts = sorted({notice.kart for notice in ended if notice.kart})
-            about = f'{len(ended)} alerts: {numbered(karts) or NO_SINGLE_KART}'
+            about = f'{len(ended)} alerts, the last: {ended[-1].text}'
             ended = [replace(ended[-1], said=about)]
         lasting = [notice for notice in self.notices if notice.lasts]
         return sorted([*lasting, *ended], key=rank)

@@ -220,8 +220,8 @@ class Heats(Choice):
 
     @property
     def first(self) -> QtWidgets.QWidget:
-        """Return the next heat's button; if none is next, the first button."""
-        wanted = self.window().seen.screen.next_heat
+        """Return the button of the next heat; if none is next, of the one in the race, or any."""
+        wanted = self.window().seen.screen.next_heat or self.window().seen.screen.snapshot.heat
         found = (each for each in self._offered if wanted and each.button.gives.heat == wanted)
         return next(found, super().first)
 

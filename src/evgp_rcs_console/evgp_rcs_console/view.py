@@ -514,7 +514,9 @@ class Screen:
         grid, runs = _grid_of(heat.name, self.results), _runs_of(heat.name, self.results)
         notes = [f'run at {time_of_day(at)[:5]}' for at in runs[-1:]]
         notes += ['in grid order'] * (len(grid) > 1) + ['next'] * (heat.name == self.next_heat)
-        notes += ['in the race'] * (heat == self.snapshot.heat_in_race)
+        if heat == self.snapshot.heat_in_race:
+            out = {*heat.karts} - {kart.number for kart in self.snapshot.karts if kart.in_race}
+            notes.append(f'in the race, without {numbered(sorted(out))}' if out else 'in the race')
         text = f'{heat.name}: {_listed(grid or heat.karts)}'
         return f'{text}  ({", ".join(notes)})' if notes else text
 

@@ -295,7 +295,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         """Show the kart that a command by key acts on, or that the keys do not work."""
         ground = title.tone.value if title.tone is Tone.BAD else 'chosen' if title.text else ''
         if not self.isActiveWindow():
-            detail = Cell('ALL KILL works only with the mouse. Click this window.')
+            detail = Cell('Click here, not on ALL KILL')
             title, ground = Cell(texts.KEYS_OFF_LARGE), 'off'
         if ground:  # on a coloured background, the style sheet sets the colour of the text
             detail = detail._replace(tone=Tone.PLAIN)
@@ -321,7 +321,7 @@ class ConsoleWindow(QtWidgets.QWidget):
             karts = texts.count(screen.rows) if screen.rows else 'karts'
             hint = Cell(f'all {karts} · SPACE BAR or F12')
         else:
-            hint = Cell('KEYS OFF: click this window', Tone.BAD)
+            hint = Cell(texts.KEYS_OFF_LARGE, Tone.BAD)
         mark(self.kill, pressing='false' if stop is None else 'true')
         self._kill_hint.show_cell(hint)
 

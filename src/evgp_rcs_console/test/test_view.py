@@ -397,6 +397,8 @@ def test_the_order_of_start_is_shown_before_the_race_and_who_is_next_at_any_time
         ]
         assert screen_of(now, state=GREEN_GREEN, **fields).order == order
     assert screen_of(**fields).heats[1].label == 'TT 3: 3'
+    fields['karts'] = replace(KART, number=3), replace(KART, in_race=False)
+    assert screen_of(**fields).heats[0].label == 'Final: 3, 7  (in the race, without kart 7)'
 
 
 def test_once_every_kart_has_finished_a_heat_the_next_step_is_the_next_heat_not_run() -> None:

@@ -669,6 +669,11 @@ def test_a_heat_is_chosen_by_its_number_and_enter_and_no_other_key_puts_one_into
     assert max(heat.pixelColor(*each).lightness() for each in room) > 200  # its text stands out
     console.press('Ctrl+H', 'Return')
     assert [given.heat for given in console.sent] == ['Heat 3']
+    console.inbox.on_answer(console.sent.pop(), Answer(True, 'so it is'))
+    ran = tuple(RaceOfEvent(1, each.name, 0.0, 1, True) for each in more)
+    console.tell(done._replace(heat='Heat 5'), timing(2)._replace(races=ran))
+    console.press('Ctrl+H', 'Return')  # a kart that came late, not the first heat once more
+    assert [given.heat for given in console.sent] == ['Heat 5']
     console.sent.clear()
     console.tell(race_of(1, RaceState.IN_GARAGE, heats=()))
     console.press('Ctrl+H', 'read_roster')
@@ -951,7 +956,7 @@ def test_alerts_that_ended_go_with_the_next_race_but_not_a_stop_that_is_no_longe
     monkeypatch.setattr(Alarm, 'sound', lambda each: sounds.append(each))
     console.tell(race_of(2, alerts=(alert(1), alert(2))))
     console.tell(race_of(2))
-    assert '2 alerts: karts 1, 2' in console.text('banner')
+    assert '2 alerts, the last: Kart 1 lost its' in console.text('banner')
     assert console.text('banner').count('ENDED') == 1
     sounds.clear()
 
@@ -1154,6 +1159,24 @@ def test_a_stop_acts_while_a_question_is_open_and_what_changes_ends_the_question
     assert console.commands == [(CommandKind.KART_RED_RED, 1)]
 
 
+def test_a_command_by_key_takes_the_place_of_an_open_question_even_if_it_is_not_possible(
+    console: Console,
+) -> None:
+    race = race_of(2)
+    grid = CommandKind.GRID_ACTIVE
+    commands = (each._replace(available=each.command is not grid) for each in race.commands)
+    barred = race._replace(commands=tuple(commands))
+    for race_now, keys, sent in (
+        (race, '1 Ctrl+G F9 Y', [(CommandKind.RECORD_MSR, 0)]),
+        (race, '1 Ctrl+G 2 Ctrl+G Y', [(CommandKind.KART_IN_GARAGE, 2)]),
+        (barred, '1 Ctrl+G F2 Y', []),
+    ):
+        console.tell(race_now)
+        console.press(*keys.split())
+        assert console.commands == sent, keys
+        assert not console.find('question').isVisible()
+
+
 def test_while_a_snapshot_cannot_be_shown_keys_refer_to_the_last_screen(
     console: Console,
 ) -> None:
@@ -1239,9 +1262,8 @@ def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_mor
         assert not console.find('yes').isEnabled()
         for part in ('consequence', 'statement'):
             assert not console.find(f'question_{part}').isVisible()
-        for key in ('Y', 'F2'):
-            assert texts.ANSWER_NO in console.told(console.press, key)
-            assert not console.sent
+        assert texts.ANSWER_NO in console.told(console.press, 'Y')
+        assert not console.sent
         console.press('N')
 
 
