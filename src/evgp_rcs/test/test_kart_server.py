@@ -12,7 +12,6 @@ import contextlib
 import itertools
 import queue
 import socket
-import struct
 import threading
 import time
 from typing import Any, TypeVar
@@ -572,41 +571,6 @@ def test_a_start_that_waited_while_race_control_was_held_up_is_refused(run: Run)
     answer = waiting[0].result(TIMEOUT)
     assert not answer.success
     assert 'race control stalled for' in answer.message
-
-
-def break_off(client: socket.socket) -> None:
-    client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
-    client.close()
-
-
-@pytest.mark.parametrize(
-    ('act', 'why'),
-    [
-        (lambda client: client.sendall(encode(RED_RED)), 'kart 2: stopped itself'),
-        (socket.socket.close, 'kart 2: not connected'),
-        (break_off, 'kart 2: not connected'),
-    ],
-    ids=['says RED_RED', 'closes', 'breaks off'],
-)
-def test_a_start_is_judged_after_all_that_a_kart_had_said_before_it(
-    run: Run, act: Callable[[socket.socket], object], why: str
-) -> None:
-    running, _, two = on_the_grid(run(NO_BEAT))
-    held_up, go_on = threading.Event(), threading.Event()
-
-    def hold_up(event: Event) -> None:
-        if event.command is CommandKind.CLOSE_TRACK:
-            held_up.set()
-            go_on.wait(TIMEOUT)
-
-    running.on_event = hold_up
-    running.submit(Command(CommandKind.CLOSE_TRACK))
-    held_up.wait(TIMEOUT)
-    act(two)  # the kernel has that by now
-    start = running.submit(running.command(CommandKind.GREEN_GREEN))
-    go_on.set()
-
-    assert why in start.result(TIMEOUT).message
 
 
 def test_an_error_nobody_foresaw_sends_red_red_to_every_kart_and_ends_the_server(

@@ -305,44 +305,32 @@ class KartServer:
             self.end(RosHalfGoneError(f'was silent for {silent_for:.1f} s'))
 
     def take_commands(self) -> None:
-        """Take the commands that have arrived, and judge the stops. Called before other work."""
+        """Process the commands that have arrived, stops first. Called before any other work."""
         for message in self._ros_half.receive():
             self._hear(message)
         if self._ros_half.gone:
             self.end(RosHalfGoneError(f'is gone: {self._ros_half.gone}'))
-        while self._stops:
-            self._judge(self._stops.popleft())
-
-    def _take_command(self) -> None:
-        """Judge a command that is no stop, once all is read that karts had said before it."""
-        self.take_commands()
-        if self._commands:
-            self._judge(self._commands.popleft())
-
-    def _judge(self, request: Request) -> None:
-        now = self.now()
-        self._notice_stall(now)
-        entry = CATALOGUE[request.command.kind]
-        if not entry.overtakes and now - request.came > ANSWER_TIMEOUT:
-            return  # its sender has already been told that there is no answer
-        if entry.loosens:
-            if self._closing.is_set():
-                self._answer(request, _ENDING)
-                return
-            # A race must not start without a record, so check whether the record works now.
-            self._note_record_trouble(now)
-        self._take(inputs.Commanded(now, request.command, request.came), request)
+        while self._stops or self._commands:
+            now = self.now()
+            self._notice_stall(now)
+            request = (self._stops or self._commands).popleft()
+            entry = CATALOGUE[request.command.kind]
+            if not entry.overtakes and now - request.came > ANSWER_TIMEOUT:
+                continue  # its sender has already been told that there is no answer
+            if entry.loosens:
+                if self._closing.is_set():
+                    self._answer(request, _ENDING)
+                    continue
+                # A race must not start without a record, so check whether the record works now.
+                self._note_record_trouble(now)
+            self._take(inputs.Commanded(now, request.command, request.came), request)
 
     def _hear(self, message: Any) -> None:
         """Handle a message from the ROS half. Each one shows that the ROS half accepts stops."""
         self._ros_half_heard_at = self.now()
         if isinstance(message, Request):
-            if CATALOGUE[message.command.kind].overtakes:
-                self._stops.append(message)
-            else:
-                self._commands.append(message)
-                # One turn of the loop reads what lies there, and the next tells which links ended.
-                self._loop.call_soon(self._loop.call_soon, self._take_command)
+            overtakes = CATALOGUE[message.command.kind].overtakes
+            (self._stops if overtakes else self._commands).append(message)
         elif isinstance(message, Alive):
             if message.rival != self._race.has_rival:
                 self._take(inputs.Rival(self.now(), message.rival))
