@@ -40,6 +40,8 @@ def unwaiting_output() -> Iterator[None]:
 
 
 class _Pump:
+    """The pipe and thread for one file descriptor."""
+
     def __init__(self, stream: int) -> None:
         self._stream = stream
         self._original = os.dup(stream)

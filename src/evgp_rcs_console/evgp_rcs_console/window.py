@@ -357,5 +357,6 @@ class ConsoleWindow(QtWidgets.QWidget):
 def _without_figures(race: Snapshot, results: Standings | None) -> object:
     """Return what a screen shows of a race, apart from times and the figures of links."""
     link = KartSnapshot._fields.index('link')
-    karts = [(kart[:link], kart.link.grade, kart[link + 1 :]) for kart in race.karts]
+    rest = link + 1
+    karts = [(kart[:link], kart.link.grade, kart[rest:]) for kart in race.karts]
     return race._replace(stamp=0.0, karts=()), karts, results and results._replace(stamp=0.0)

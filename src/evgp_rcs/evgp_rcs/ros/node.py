@@ -397,7 +397,9 @@ class RcsNode(StrictNode):
             answer = self._server.command(command, came)
             if answer is not None:
                 return answer
-        except (KartServerError, RosterError) as error:
+        except RosterError as error:
+            return Answer(False, f'{command.kind.value} changed nothing: {error}.')
+        except KartServerError as error:
             return Answer(False, f'{command.kind.value} was not sent: {error}.')
         return Answer(
             False,
