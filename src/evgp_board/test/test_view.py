@@ -146,7 +146,7 @@ def test_the_results_of_the_heat_before_are_not_those_of_this_one() -> None:
         (S.GREEN_GREEN, {}, 'last lap'),
         (S.IN_GARAGE, {}, 'in the garage'),
         (S.RED_RED, {'stands': True}, 'stopped'),
-        (S.RED_RED, {}, 'not stopped yet'),
+        (S.RED_RED, {}, 'not stopped'),
         (S.RED_RED, {'stands': True, 'connected': False}, 'no link'),
     ],
 )

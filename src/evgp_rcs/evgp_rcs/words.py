@@ -112,7 +112,7 @@ def does(kart: KartSnapshot) -> str:
         return 'lost' if kart.in_doubt else 'not connected'
     if kart.sent.is_red:
         stopped = 'finished' if kart.place else 'stopped'
-        return stopped if kart.stands else 'not stopped yet'
+        return stopped if kart.stands else 'not stopped'
     done, not_yet = _DOES[kart.sent]
     return done if kart.acknowledged and not kart.in_doubt else not_yet
 
@@ -131,7 +131,7 @@ def tally(race: Snapshot) -> str:
 
 
 _IN_ORDER = dict.fromkeys(each for pair in _DOES.values() for each in pair)
-_IN_ORDER |= dict.fromkeys(('stopped', 'not stopped yet', 'finished', 'not connected', 'lost'))
+_IN_ORDER |= dict.fromkeys(('stopped', 'not stopped', 'finished', 'not connected', 'lost'))
 
 
 def numbered(karts: Iterable[KartSnapshot | int]) -> str:

@@ -207,6 +207,6 @@ def _held(kart: KartSnapshot) -> str:
 def also(following: Sequence[Given]) -> str:
     """Return what YES, AND ALSO confirms with IN GARAGE: an open track, or karts made safe."""
     if following[0].command is CommandKind.OPEN_TRACK:
-        teams = 'OPEN TRACK: teams may go onto the track'
-        return f'{teams}; {NO_RACE_ANYWHERE}' if following[0].stated else teams
+        why = NO_RACE_ANYWHERE if following[0].stated else 'they may go onto the track'
+        return f'OPEN TRACK to teams: {why}'
     return f'GARAGE: {numbered(each.kart for each in following)} made safe by hand'
