@@ -280,5 +280,5 @@ class Help(Sheet):
         ]
         rows = [[*itertools.chain(*parts[row::half])] for row in range(half)]
         lay(table, *rows, gap=4, columns=(3, 4, 3, 4), heights=[1] * half)
-        self.add(table, 400)
+        self.add(table, 320)
         self.add(self.closing('CLOSE'), 36)

@@ -409,12 +409,13 @@ def misfits(console: Console) -> Iterator[str]:
 def overlaps(console: Console) -> Iterator[str]:
     """Yield every two parts of an area that overlap, except sheets and what takes no click."""
     no_click = QtCore.Qt.WidgetAttribute.WA_TransparentForMouseEvents
+    kinds = Text, Panel, Push
     for parent in (console.window, *console.window.findChildren(QtWidgets.QWidget)):
         parts = [
             (each, each.geometry())
             for each in parent.children()
-            if isinstance(each, (Text, Panel, Push)) and not isinstance(each, Sheet)
-            if each.isVisible() and not each.testAttribute(no_click)
+            if isinstance(each, QtWidgets.QWidget if isinstance(parent, Sheet) else kinds)
+            if not isinstance(each, Sheet) and each.isVisible() and not each.testAttribute(no_click)
         ]
         for (one, place), (other, its_place) in itertools.combinations(parts, 2):
             if place.intersects(its_place):
