@@ -415,7 +415,9 @@ def overlaps(console: Console) -> Iterator[str]:
             (each, each.geometry())
             for each in parent.children()
             if isinstance(each, QtWidgets.QWidget if isinstance(parent, Sheet) else kinds)
-            if not isinstance(each, Sheet) and each.isVisible() and not each.testAttribute(no_click)
+            if not isinstance(each, Sheet)
+            and each.isVisible()
+            and not each.testAttribute(no_click)
         ]
         for (one, place), (other, its_place) in itertools.combinations(parts, 2):
             if place.intersects(its_place):
