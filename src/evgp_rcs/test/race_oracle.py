@@ -1259,8 +1259,9 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
     told_by = access.settled_by and access.settled_by.name
     told = race.alerts(now)
     alerts = {(alert.kind.name, alert.kart) for alert in told}
-    # Where nobody has seen any kart move, to clear the track is enough.
-    harmless = not any(kart.doubt for kart in view.karts) and 'TRACK_UNSAFE'
+    # Where every kart that may have moved has acknowledged its stop, to clear the track is enough.
+    obeys = (kart.acknowledged and kart.sent in REDS for kart in view.karts if kart.doubt)
+    harmless = all(obeys) and 'TRACK_UNSAFE'
     for_msr = [kind for kind in MSR_ALERTS if kind != harmless and not view.msr_used]
     memory_is_wrong = False
     if view.state is GRID_ACTIVE:

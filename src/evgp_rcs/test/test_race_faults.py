@@ -196,6 +196,7 @@ the race waits for karts that were away when all were stopped: availability _wai
     sent away_at_rest
 a kart lost in motion lets humans on the track: track-access, availability _danger: skips
     may_be_moving MSR
+an open track asks for the MSR although every kart obeys its stop: use-msr alerts: stopped => False
 a kart that was told to go counts as standing: doubt-unnoticed, effect _redirect:
     _covered_by_statement not => state is not GREEN_GREEN and it
 a refused command takes GREEN_GREEN away: refused-changes command: after refused:

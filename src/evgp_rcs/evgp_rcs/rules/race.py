@@ -983,7 +983,9 @@ class Race:
             since = reported.since if reported else now
             use_msr = kind in MSR_ALERTS and not self.msr_used
             if kind is AlertKind.TRACK_UNSAFE:
-                use_msr = use_msr and any(each.doubt for each in self.karts.values())
+                # A kart that has acknowledged its stop obeys without the MSR.
+                doubtful = (each for each in self.karts.values() if each.doubt)
+                use_msr = use_msr and not all(each.stopped for each in doubtful)
             alerts.append(Alert(kind, number, since, _capital(text), use_msr))
         alerts.sort(key=lambda alert: alert.since, reverse=True)
         return alerts
