@@ -305,14 +305,20 @@ class Desk:
         return press.identity
 
     def finishes(self) -> Iterator[Finish]:
-        """Yield a FINISH for each kart of the newest race that has all its laps but no FINISH."""
+        """
+        Yield a FINISH for each kart of the newest race that has all its laps but no FINISH.
+
+        They are in the order of the last crossings, as the place decides when the RED_FLAG comes.
+        """
         race = self.races[-1] if self.races else None
         if race is None or not race.laps.heat.auto_finish or race.laps.ended < math.inf:
             return
-        for kart in race.laps.karts:
+        counted = race.laps.counted
+        done = filter(race.laps.is_done, race.laps.karts)
+        for kart in sorted(done, key=lambda kart: counted[kart][-1]):
             out = kart in race.laps.finished or kart in race.laps.left
             # Once an official has undone a finish, only an official may send FINISH again.
-            if race.laps.is_done(kart) and not out and kart not in race.undone:
+            if not out and kart not in race.undone:
                 yield Finish(race.run, race.number, kart)
 
     # ----- corrections --------------------------------------------------------------------

@@ -51,7 +51,7 @@ def happen(event: Event, green: float, number: int, line: str) -> None:
         asked = '; '.join(event.desk.questions(event.now)) or 'nothing'
         assert ' '.join(words) in asked
     elif what == 'due':
-        assert [each.kart for each in event.desk.finishes()] == [kart] * bool(kart)
+        assert [each.kart for each in event.desk.finishes()] == [*map(int, words)]
     else:
         event.tell(TOLD[what], kart)
 
@@ -140,13 +140,19 @@ STORIES = {
         20 finish 1
         30 press 1 -> 1: by hand, not counted
     """,
-    'auto_finish sends FINISH to a kart with all its laps': """
-        Heat 2: 3
+    'auto_finish sends FINISH to each kart with all its laps, in the order of their crossings': """
+        Heat 2: 3 4
         10 line 3 -> 3: starts lap 1
+        11 line 4 -> 4: starts lap 1
         20 line 3 -> 3: lap 1, 0:10.000
+        20 line 4 -> 4: lap 1, 0:09.000
         20 due
-        30 line 3 -> 3: lap 2, 0:10.000: finish
-        30 due 3
+        30 line 4 -> 4: lap 2, 0:10.000: finish
+        30 due 4
+        30.1 line 3 -> 3: lap 2, 0:10.100: finish
+        30.1 due 4 3
+        31 finish 4
+        31 due 3
         31 finish 3
         31 due
     """,
