@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
+import io
 import os
 import pathlib
 import re
+import sys
 
 from evgp_node.roster import (
     CUT,
@@ -421,14 +423,17 @@ def test_a_right_roster_is_shown_with_its_karts_and_heats(
     tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / 'karts.yaml'
-    text = TWO_KARTS + "    inspected: '2026-05-01'\n    transponders: [4711, '08', FL-9]\n"
+    text = TWO_KARTS.replace('Purdue', 'Zürich')
+    text += "    inspected: '2026-05-01'\n    transponders: [4711, '08', FL-9]\n"
     heat = 'karts: [2, 1], format: time_trial, laps: 6, grid_from: practice'
-    path.write_text(f'{text}heats:\n  Final: {{{heat}}}\n')
+    path.write_text(f'{text}heats:\n  Final: {{{heat}}}\n', encoding='utf-8')
+    assert isinstance(sys.stdout, io.TextIOWrapper)
+    sys.stdout.reconfigure(encoding='ascii')  # as of a terminal with few characters
     assert rcs_roster(['check', str(path)]) == 0
     out = capsys.readouterr().out.splitlines()
     assert [' '.join(line.split()) for line in out[1:]] == [
         'kart 1 Georgia Tech 10.0.0.1 in the first race',
-        'kart 2 Purdue 10.0.0.2 not in the first race, inspected 2026-05-01, '
+        'kart 2 Z?rich 10.0.0.2 not in the first race, inspected 2026-05-01, '
         'transponders 4711, 08, FL-9',
         'heat "Final": 1, 2 (time_trial, 6 laps, grid from practice)',
     ]

@@ -1,18 +1,25 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Keeps standard output and error from blocking the process."""
+"""Keeps standard output and error from blocking or ending the process."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 import contextlib
+import io
 import os
 import sys
 import threading
 
 FINISH_TIMEOUT = 1.0
 """Maximum time for printing the last output at the end, in seconds."""
+
+
+def show_what_it_can() -> None:
+    """Have a terminal with few characters show a replacement for the others, and no traceback."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors='replace')
 
 
 @contextlib.contextmanager

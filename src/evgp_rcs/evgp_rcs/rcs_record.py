@@ -10,12 +10,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 import difflib
-import io
 import os
 import pathlib
 import sys
 from types import ModuleType
 
+from evgp_node.output import show_what_it_can
 from evgp_rcs.record import replay, timeline
 from evgp_rcs.record.report import command as report
 from evgp_rcs.record.report import results
@@ -68,9 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         argcomplete.autocomplete(options)
     given = list(sys.argv[1:] if arguments is None else arguments)
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        # A terminal with few characters shows a replacement for the others.
-        sys.stdout.reconfigure(errors='replace')
+    show_what_it_can()
     if given and (meant := _misspelt(given[0])):
         say(f'there is no subcommand and no file {given[0]}. Did you mean {meant}?')
         return UNREADABLE

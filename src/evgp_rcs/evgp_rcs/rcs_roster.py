@@ -11,6 +11,7 @@ import os
 import pathlib
 import sys
 
+from evgp_node.output import show_what_it_can
 from evgp_node.roster import load_roster, Roster, RosterError
 
 
@@ -36,6 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(error, file=sys.stderr)
         print(error.as_roster, end='')
         return 2
+    show_what_it_can()
     print(f'{path} is right:')
     for line in _lines(roster):
         print(f'  {line}')

@@ -22,6 +22,7 @@ import sys
 import traceback
 
 from evgp_node.official import tidy
+from evgp_node.output import show_what_it_can
 from evgp_protocol.clock import now
 from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE
@@ -47,6 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     # ROS cannot carry a word in another encoding, such as a name typed at an old terminal.
     given = [os.fsencode(each).decode(errors='replace') for each in words]
+    show_what_it_can()
     wanted = parse(given)
     # A shell that starts a program in the background makes it ignore SIGINT; Python keeps that.
     signal.signal(signal.SIGINT, signal.default_int_handler)

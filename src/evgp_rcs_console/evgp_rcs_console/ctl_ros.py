@@ -248,13 +248,11 @@ class Terminal:
 
     def watch(self, alive: Callable[[], object]) -> Told:
         """Show the race until Ctrl-C, or once."""
-        client, hearing, wanted = self._client, self._hearing, self._wanted
-        until = self._until
+        client, hearing, wanted, until = self._client, self._hearing, self._wanted, self._until
         hearing.looking = looking(client.topic)
         if wanted.once:
             hearing.wait_for(lambda: hearing.race is not None, until)
             hearing.wait_for(lambda: hearing.results is not None, min(until, now() + SETTLED))
-        redraw = _is_at(wanted)
         official, said_at = Signature().name, now()
         while True:
             with hearing.news:
@@ -270,7 +268,7 @@ class Terminal:
             if wanted.once:
                 code = Exit.NOT_THERE if screen.danger.stale else Exit.ACCEPTED
                 return Told(code, text)
-            print(f'\x1b[H\x1b[2J{text}' if redraw else f'{text}\n', flush=True)
+            print(f'\x1b[H\x1b[2J{text}' if _is_at(wanted) else f'{text}\n', flush=True)
             alive()
             # Rounds begin with snapshots, every 0.5 s or a little less; none may be left out.
             if at - said_at >= PRESENCE_PERIOD / 2:
