@@ -109,6 +109,26 @@ def test_a_command_gives_its_program_what_an_official_gives_it(
     assert sorted(started) == [*map(words, runs)]
 
 
+BRIDGE = (
+    'python -m evgp_node.restarting install/evgp_kart_bridge/lib/evgp_kart_bridge/kart_bridge_node'
+    ' --ros-args -p host:=10.0.0.1'
+)
+
+
+@pytest.mark.parametrize('run', ['make'], indirect=True)
+def test_odometry_that_is_asked_for_is_required_and_a_bridge_needs_an_address(run: Run) -> None:
+    def started(*words: str) -> str:
+        (line,) = run('bridge', *words)
+        return ' '.join(line.replace("'", '').split('|')[:-4])
+
+    assert started('HOST=10.0.0.1', '-p', 'port:=1') == f'{BRIDGE} -p port:=1'
+    for odom in ('/odom', '~/odom'):
+        required = f'{BRIDGE} -r ~/odom:={odom} -p odometry_required:=true'
+        assert started('HOST=10.0.0.1', f'ODOM={odom}') == required
+    done = subprocess.run(['make', '-s', 'bridge'], cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, 'make bridge HOST=10.0.0.1' in done.stderr) == (2, True)
+
+
 @pytest.mark.parametrize('command', ['run', 'window', 'ctl', 'takeover', 'timekeeper'])
 def test_a_program_stays_on_the_machine_unless_officials_are_named(command: str, run: Run) -> None:
     for environment, words, is_used in (
