@@ -84,7 +84,7 @@ def board(heard: Heard) -> Shown:
     found = {each.kart: each for each in results.karts}
     karts = {each.number: each for each in race.karts if each.in_race or each.number in found}
     order = [number for number in dict.fromkeys((*found, *karts)) if number in karts]
-    counted = any(each.place or each.laps for each in results.karts)
+    counted = _has_laps(results)
     if not counted:
         order = sorted(karts, key=lambda number: (karts[number].place or math.inf, number))
     rows = []
@@ -167,7 +167,7 @@ def kart(heard: Heard, number: int) -> Shown:
             shown['head'], shown['tone'] = '✗ NO LINK', 'bad' if found.in_race else 'garage'
     own = _of_this_race(heard)
     result = own.kart(number) or NO_RESULT
-    place = result.place if own.karts else found.place
+    place = result.place if _has_laps(own) else found.place
     laps = len(result.lap_times)
     quality = [LINKS[found.link.grade], milliseconds(found.link.round_trip)]
     cells = {
@@ -246,6 +246,11 @@ def _of_this_race(heard: Heard) -> Standings:
     is_own = (race.run, race.heat) == (results.run, results.heat)
     is_own = is_own and race.number in (0, results.race) and not heard.no_timing
     return results if is_own else NO_STANDINGS
+
+
+def _has_laps(results: Standings) -> bool:
+    """Return whether laps are counted. If not, the order of FINISH is shown."""
+    return any(each.place or each.laps for each in results.karts)
 
 
 def _gap(result: KartResult, results: Standings) -> str:

@@ -77,12 +77,14 @@ def test_where_nobody_counts_laps_the_order_is_that_of_the_finish() -> None:
     heard = Heard(race(kart(3), kart(7, place=1)), results(result(3, 0), result(7, 0)))
     assert shown(heard) == [(1, 7, ''), ('', 3, '')]
     assert 'order of FINISH' in view.board(heard)['sub']
+    assert ['Place', '1'] in view.kart(heard, 7)['cells']
 
 
 def test_where_laps_are_counted_a_kart_without_a_place_gets_none_from_its_finish() -> None:
     out = result(7, 0, 6, 245.0, status=Status.DISQUALIFIED)
     heard = Heard(race(kart(7, place=1)), results(out))
     assert view.board(heard)['rows'][0]['place'] == ''
+    assert ['Place', '-'] in view.kart(heard, 7)['cells']
     assert 'order of FINISH' not in view.board(heard)['sub']
 
 
