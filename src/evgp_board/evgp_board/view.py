@@ -283,10 +283,10 @@ def _does(kart: KartSnapshot, result: KartResult, results: Standings) -> str:
 
 
 def _answered(kart: KartSnapshot) -> str:
-    """Return when a kart was sent its state, and how long its answers took."""
+    """Return how long a kart's answers to its current order took."""
     if not kart.connected:
         return 'not connected to race control'
-    said = [f'sent {_clock(kart.sent_since)}']
+    said = []
     if kart.delivered_after is not None:
         said.append(f'arrived after {milliseconds(kart.delivered_after)}')
     if kart.acknowledged:

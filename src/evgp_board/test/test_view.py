@@ -198,7 +198,7 @@ def test_a_race_control_that_is_unreliable_is_shown_in_place_of_the_state(
         assert (page['head'], page['tone']) == (head, 'bad')
 
 
-def test_a_team_sees_when_its_kart_answered() -> None:
+def test_a_team_sees_how_soon_its_kart_answered() -> None:
     link = NOT_MEASURED._replace(grade=Grade.GOOD, round_trip=0.0181)
     seen = kart(
         7,
@@ -210,7 +210,8 @@ def test_a_team_sees_when_its_kart_answered() -> None:
     counted = results(result(7, 1, 5, 224.4, lap_times=laps))._replace(laps=6)
     page = view.kart(Heard(race(seen), counted), 7)
     assert page['head'] == '▶ GREEN GREEN'
-    assert 'arrived after 6 ms · answered after 0.31 s' in page['detail']
+    # Counted from the order, which a connection makes anew, though the state lasts since long ago.
+    assert page['detail'] == 'arrived after 6 ms · answered after 0.31 s'
     for cell in (['Laps', '5 of 6'], ['Last lap', '0:44.900'], ['Best', '0:43.700']):
         assert cell in page['cells']
     assert ['Link', 'good, 19 ms'] in page['cells']
