@@ -40,9 +40,6 @@ NEIGHBOURS: dict[str, dict[str, str]] = {
     'on its own machine only': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
 }
 
-ROOT = pathlib.Path(__file__).resolve().parents[1]
-NOT_SET = (graph.INTERFACE, 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'MAKEFLAGS', 'MAKELEVEL', 'ARGS')
-
 STRANGERS = [
     {
         'ROS_AUTOMATIC_DISCOVERY_RANGE': reach,
@@ -213,42 +210,6 @@ def test_a_race_goes_on_while_the_officials_address_is_gone_and_its_officials_ar
     (line,) = rival.output.splitlines()
     assert 'another race control publishes /rcs/race' in line
     check_that_none_got_in(outside)
-
-
-def make(domain: int, *words: str) -> Program:
-    """Start make as an official does, who has set the ROS domain and nothing else."""
-    unset = (f'--unset={name}' for name in NOT_SET)
-    command = ['env', *unset, '-C', str(ROOT), 'make', *words]
-    return Program('make', command, domain, end='TERM')
-
-
-def test_a_second_official_sees_and_stops_the_race_from_another_machine_by_the_lines_of_the_docs(
-    networks: TwoNetworks,
-    parts: contextlib.ExitStack,
-    domain: int,
-    tmp_path: pathlib.Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setenv('ROS_HOME', str(tmp_path))  # for record and book
-    roster = tmp_path / 'karts.yaml'
-    roster.write_text('karts:\n- {number: 1, team: A, address: 10.77.0.101, in_race: true}\n')
-    # Its own addresses on each machine, as docs/operations.md has it.
-    with networks.own.inside():
-        addresses = f'OFFICIALS={OFFICIALS}', f'ADDRESS={KARTS}'
-        run = make(domain, 'run', f'ROSTER={roster}', *addresses)
-    parts.enter_context(run)
-
-    def official(arguments: str, *words: str) -> tuple[int, str]:
-        with networks.official.inside():
-            return ended(make(domain, 'ctl', f'ARGS={arguments}', *words))
-
-    seen = official('watch --once --wait 30', f'OFFICIALS={OFFICIAL}')
-    stopped = official('all-kill --wait 30', f'OFFICIALS={OFFICIAL}')
-    elsewhere = official('watch --once --wait 3')
-
-    assert (seen[0], 'IN GARAGE' in seen[1]) == (0, True)
-    assert (stopped[0], 'RED RED' in stopped[1]) == (0, True)
-    assert (elsewhere[0], 'NO RACE CONTROL YET' in elsewhere[1]) == (2, True)  # make's own 2
 
 
 def test_a_console_reaches_race_control_among_many_ros_processes_and_officials_are_told_of_them(
