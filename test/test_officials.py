@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Officials' commands over real DDS, on a running race control with plain TCP karts."""
+"""Officials' commands over real DDS, to race control with plain karts; and a second one there."""
 
 from __future__ import annotations
 
@@ -10,17 +10,20 @@ import contextlib
 import fcntl
 import math
 import pathlib
+from typing import Any
 
+from evgp_node.process import IN_THE_WAY
+from evgp_node.qos import latched
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.ros.kart_client import KART_SERVER_SILENCE
 from evgp_rcs.ros.node import ANSWER_TIMEOUT
 from evgp_rcs.rules.catalogue import CATALOGUE
 from evgp_rcs_msgs import msg, srv
-from evgp_testing.domains import Domain
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, SERVICES
-from evgp_testing.race_control import RaceControl
+from evgp_testing.process import Process
+from evgp_testing.race_control import settings, write_roster
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_race import WireRace
 import pytest
@@ -62,21 +65,67 @@ def test_the_document_of_the_interface_has_the_longest_times_to_an_answer() -> N
     assert KART_SERVER_SILENCE < ANSWER_TIMEOUT  # one that hangs is known before
 
 
-def test_the_stops_have_the_name_that_race_control_was_given(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+def test_a_second_race_control_here_starts_with_a_name_and_port_of_its_own_and_its_stops_have_it(
+    race: WireRace, domain: int, tmp_path: pathlib.Path
 ) -> None:
-    domain = parts.enter_context(Domain()).number
+    own = settings(tmp_path, write_roster(tmp_path, [1]))
+
+    def second(where: int, *names: str, **parameters: object) -> Process:
+        return Process('evgp_rcs', 'rcs_node', where, {**own, **parameters}, names)
+
+    runs = f'another race control runs on this machine as /rcs on ROS domain {race.domain}'
+    uses = 'another race control on this machine is using this port'
+    port = race.control.port
+    for where, given, said in ((race.domain, {}, runs), (domain, {'port': port}, uses)):
+        with second(where, **given) as rival:
+            assert rival.wait() == IN_THE_WAY
+        (line,) = rival.output.splitlines()
+        assert said in line
+
     names = ('-r', '__ns:=/north', '-r', '__node:=control', '-r', '~/red_flag:=/flag')
-    parts.enter_context(RaceControl(tmp_path, domain, [1], arguments=names))
-    caller = parts.enter_context(RosSide('caller', domain))
-    caller.spin()
+    with second(race.domain, *names) as other:
+        other.wait_for_line('listens for')
+        official = race.official
+        for name in ('/north/control/all_kill', '/flag'):
+            client = official.node.create_client(srv.RaceCommand, name)
+            answer: Any = official.request(client, srv.RaceCommand.Request())
+            assert answer.success
+    race.karts[0].wait_for_frames(10)
+    assert race.karts[0].state is IN_GARAGE
+    race.bring_to(RED_RED)
 
-    answers = [
-        caller.request(caller.node.create_client(srv.RaceCommand, name), srv.RaceCommand.Request())
-        for name in ('/north/control/all_kill', '/flag')
-    ]
 
-    assert [answer.success for answer in answers] == [True, True]
+class Publisher(RosSide):
+    """A node called rcs that publishes a race, as race control does."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__('rcs', domain)
+        self.publisher = self.node.create_publisher(msg.Race, '~/race', latched(1))
+        self.spin()
+
+
+def test_while_two_race_controls_meet_nothing_that_loosens_is_accepted_and_stops_are(
+    race: WireRace,
+) -> None:
+    official, (kart,) = race.official, race.karts
+    before = len(kart.changes)
+    # Not `official.race`: of two race controls, a client cannot tell whose it hears.
+    two = msg.Alert.TWO_RACE_CONTROLS
+    rival = Publisher(race.domain)
+    try:
+        official.wait_for_event(lambda event: event.alert == two, 'two race controls')
+        refused = official.call('grid_active', track_clear=True, karts=[1])
+        stopped = official.call('all_kill')
+    finally:
+        rival.close()
+    assert (refused.success, stopped.success) == (False, True)
+    assert 'another race control' in refused.message
+    official.wait_for_event(
+        lambda event: (event.kind, event.alert) == (msg.RaceEvent.ALERT_CLEARED, two),
+        'that the other is gone',
+    )
+    official.wait_for_acks(RED_RED, 1)
+    assert [state for _, state in kart.changes[before:]] == [RED_RED]
 
 
 def test_a_stop_of_any_age_is_taken_and_an_age_that_means_something_is_told(
