@@ -151,6 +151,9 @@ def check_screens(race: Snapshot, standings: Standings) -> None:
         (label,) = (each.label for each in screen.heats if 'in the race' in each.label)
         assert label.startswith(message.heat)
     rows = {row['kart']: row for row in page['rows']}
+    for number, row in rows.items():
+        own = dict(board.kart(board.Heard(shown, found), number)['cells'])
+        assert (own['Place'], own['Best']) == (str(row['place'] or '-'), row['cells'][2] or '-')
     # Until the next race is green, the window still shows the last results; the board does not.
     about = race.run, race.heat, race.number or found.race
     of_last = (found.run, found.heat, found.race) != about
