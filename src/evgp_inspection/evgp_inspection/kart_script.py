@@ -31,7 +31,9 @@ from evgp_inspection.kart_wire import (
     MALFORMED,
     many_in_a_piece,
     NOTHING,
+    nothing_but_malformed,
     single_bytes,
+    TRIES,
     whole,
 )
 from evgp_inspection.limits import Limits
@@ -88,13 +90,13 @@ bytes | garage pieces | RED_RED is sent byte by byte.
 many | garage pieces | RED_RED is sent in pieces of five frames, cut inside a frame.
 late | garage pieces | RED_RED is sent in halves, 0.07 s apart.
 slow | garage pieces | RED_RED is sent 10 times a second.
-malformed | garage grid stay:watch malformed | After an acknowledged GRID_ACTIVE, malformed frames
-    that look like GREEN_GREEN are sent between correct ones; then RED_RED.
 again | garage grid red green garage | GRID_ACTIVE is acknowledged once more; then RED_RED is sent,
     then GREEN_GREEN.
 glued | garage glued | GRID_ACTIVE and GREEN_GREEN are sent in one piece.
 backlog | backlog | IN_GARAGE is sent 100 times a second, then 400 frames at once, then
     RED_RED.
+malformed | garage grid stay:watch malformed | After an acknowledged GRID_ACTIVE, malformed frames
+    that look like GREEN_GREEN are sent between correct ones; then RED_RED.
 race | DRIVE flag stay:dwell green red stay:dwell garage stay:dwell | A drive; RED_FLAG for some
     time, GREEN_GREEN, RED_RED for some time, IN_GARAGE for some time.
 red | garage grid drive:drive:100 red | A drive with 100 frames a second; RED_RED.
@@ -345,8 +347,8 @@ class KartScript:
 
     async def _malformed(self) -> bool:
         self.recording.note(Kind.STEP, text=self._step)
-        self.wire.order(GRID_ACTIVE, between)
-        return await self._stay('watch', len(MALFORMED) / BEAT_RATE)
+        self.wire.order(GRID_ACTIVE, between, rate=2 * BEAT_RATE)  # half of them with a frame
+        return await self._stay('watch', TRIES * len(MALFORMED) / BEAT_RATE)
 
     async def _glued(self) -> bool:
         self.wire.order(GREEN_GREEN, lambda state: after(encode(GRID_ACTIVE), state))
@@ -450,7 +452,7 @@ class KartScript:
     def _fall_silent(self, how: str) -> None:
         """Send nothing from now on (`silent`), or only malformed bytes (`malformed`)."""
         self.recording.note(Kind.SILENT, text=how)
-        self.wire.send(NOTHING if how == 'silent' else between())
+        self.wire.send(NOTHING if how == 'silent' else nothing_but_malformed())
 
     async def _silence(self, how: str) -> bool:
         limits, began = self.limits, self.recording.now

@@ -45,6 +45,9 @@ MALFORMED = (
 """Bytes that no kart may take for GREEN_GREEN, and that must not crash a kart. Each of them stays
 malformed, whatever follows it."""
 
+TRIES = 6
+"""Number of times that `between` sends each of `MALFORMED` alone, and with a whole frame."""
+
 Beat: TypeAlias = list[tuple[float, bytes]]
 """Pieces to send, each after a pause in seconds."""
 
@@ -81,10 +84,18 @@ def after(first: bytes, state: RaceState) -> Beats:
     return itertools.chain([[(0.0, first + encode(state))]], whole(state))
 
 
-def between(state: RaceState | None = None) -> Beats:
-    """Send each of `MALFORMED` in turn, followed by a whole frame if there is a state."""
-    frame = b'' if state is None else encode(state)
-    return itertools.cycle([[(0.0, each + frame)] for each in MALFORMED])
+def between(state: RaceState) -> Beats:
+    """
+    Send each of `MALFORMED` in turn, now alone and now in one piece with a whole frame.
+
+    A kart obeys the last frame of what has arrived, so only the first shows what it takes for one.
+    """
+    frames = (b'', encode(state)) * TRIES
+    return itertools.cycle([[(0.0, each + frame)] for each in MALFORMED for frame in frames])
+
+
+def nothing_but_malformed() -> Beats:
+    return itertools.cycle([[(0.0, each)] for each in MALFORMED])
 
 
 NOTHING: Beats = itertools.repeat([])
