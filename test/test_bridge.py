@@ -519,7 +519,7 @@ def test_a_kart_that_stops_itself_in_green_green_says_red_red_once_it_stands(
     assert kart.team.stop is True
 
 
-def test_a_driver_by_the_plain_state_stops_when_that_is_silent_and_needs_a_new_grid_to_start(
+def test_a_driver_by_the_plain_state_stops_by_it_and_by_its_silence_and_needs_a_new_grid_to_start(
     kart: OneKartRace, start_base: StartBase, parts: contextlib.ExitStack
 ) -> None:
     base = start_base(kart.bridge)
@@ -540,6 +540,14 @@ def test_a_driver_by_the_plain_state_stops_when_that_is_silent_and_needs_a_new_g
 
     driver = start_driver()
     driver.wait_for_line('IN_GARAGE')
+    go()
+    kart.command(RED_FLAG)  # it never gets faster after that, however slow it is
+    driver.wait_for_line('RED_FLAG')
+    speed = base.speed
+    told.clear()
+    kart.team.wait_until(lambda: len(told) > 10, lambda: 'commands')
+    assert max(command.linear.x for command in told) < speed + 0.1
+    kart.command(IN_GARAGE)
     go()
     driver.kill()
     base.wait_for_speed(lambda speed: speed == 0.0)
