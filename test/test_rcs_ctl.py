@@ -27,6 +27,7 @@ from evgp_node.qos import latched
 from evgp_node.rclpy_private import RCLError
 from evgp_node.results import Act
 from evgp_node.stamps import seconds_of
+from evgp_node.states import state_of
 from evgp_protocol.clock import now
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
@@ -52,10 +53,10 @@ from evgp_testing.part import Part, PATIENCE
 from evgp_testing.process import executable
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import bound, joined, RosSide
+from evgp_testing.wire_race import WireRace
 from evgp_timing.corrections import CORRECTIONS
 import pytest
 import rclpy
-from rig.desk import Desk
 from rig.terminal import Terminal
 
 ACCEPTED, REFUSED, USAGE, NOT_THERE = 0, 1, 2, 3
@@ -312,21 +313,41 @@ HEATS = {'Heat A': (1, 2), 'Final': (2, 3)}
 
 
 @pytest.fixture(scope='module')
-def the_desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
+def the_desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireRace]:
     """Return a race control with three karts for the tests that neither end nor freeze it."""
     parameters = {'finish_delays': '[0.1]', 'banner': 'REHEARSAL'}
-    folder = tmp_path_factory.mktemp('lasting')
-    with Desk(folder, (1, 2), (3,), parameters, heats=HEATS) as desk:
+    folder, karts = tmp_path_factory.mktemp('lasting'), (1, 2, 3)
+    with WireRace(folder, (1, 2), (3,), karts, parameters, heats=HEATS) as desk:
         yield desk
+
+
+def clear(desk: WireRace) -> None:
+    """Have the race in the garage without kart or hold, whatever the test before has left."""
+    official = desk.official
+    official.wait_for_race(
+        lambda race: not any(kart.connected for kart in race.karts), 'every kart away'
+    )
+    official.command('record_msr')
+    official.command('in_garage', track_safe=True)
+    race = official.wait_for_race(
+        lambda race: state_of(race.state) is RaceState.IN_GARAGE, 'the race in the garage'
+    )
+    for kart in race.karts:
+        if state_of(kart.hold) is not None:
+            official.command('kart/in_garage', kart=kart.number, made_safe_by_hand=True)
+        if kart.in_race is not (kart.number in desk.racing):
+            official.command('set_in_race', kart=kart.number, in_race=not kart.in_race)
+    if race.track.open:
+        official.command('set_track_open', open=False)
 
 
 Desks = tuple[RaceControl, Official, Lines]
 
 
 @pytest.fixture
-def desk(the_desk: Desk, parts: contextlib.ExitStack) -> Desks:
+def desk(the_desk: WireRace, parts: contextlib.ExitStack) -> Desks:
     """Return race control in the garage, an official, and who gives it lines of `rcs_ctl`."""
-    the_desk.clear()
+    clear(the_desk)
     control, official = the_desk.control, the_desk.official
     return control, official, parts.enter_context(Lines(control.domain, official))
 
@@ -509,7 +530,7 @@ HUNG = r'USE THE MSR \(ROS has hung; ROS domain'
 )
 def test_a_line_ends_and_says_what_it_knows_when_ros_hangs(
     tmp_path: pathlib.Path,
-    the_desk: Desk,
+    the_desk: WireRace,
     where: str,
     line: str,
     interrupts: int,
@@ -536,7 +557,7 @@ def test_a_line_ends_and_says_what_it_knows_when_ros_hangs(
     assert re.search(error, stderr), stderr
 
 
-def test_a_stop_is_sent_although_the_disk_is_full(the_desk: Desk) -> None:
+def test_a_stop_is_sent_although_the_disk_is_full(the_desk: WireRace) -> None:
     """Neither the log, a temporary file nor the answer can be written; the name is not UTF-8."""
     nowhere = "import tempfile; tempfile.tempdir = '/proc'  # nobody can write there"
     official = os.fsdecode('Jürgen'.encode('latin-1'))
@@ -554,7 +575,7 @@ def test_a_stop_is_sent_although_the_disk_is_full(the_desk: Desk) -> None:
 
 
 def test_a_command_or_an_announcement_that_cannot_be_sent_keeps_no_stop_from_being_sent(
-    the_desk: Desk, monkeypatch: pytest.MonkeyPatch
+    the_desk: WireRace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nor does an announcement, as by a wall clock past 2038, which may be right again later."""
 
@@ -593,7 +614,7 @@ def test_a_command_or_an_announcement_that_cannot_be_sent_keeps_no_stop_from_bei
     ids=['accepted', 'refused', 'late', 'after a stop', 'not there', 'unanswered', 'not sent'],
 )
 def test_what_was_confirmed_with_a_command_is_sent_once_that_is_accepted_or_else_it_is_told(
-    the_desk: Desk,
+    the_desk: WireRace,
     monkeypatch: pytest.MonkeyPatch,
     heat: str,
     changed: dict[str, Any],
@@ -602,7 +623,7 @@ def test_what_was_confirmed_with_a_command_is_sent_once_that_is_accepted_or_else
 ) -> None:
     for name, value in changed.items():
         monkeypatch.setattr(f'evgp_rcs_console.client.{name}', value)
-    the_desk.clear()
+    clear(the_desk)
     hearing = Hearing()
     with client_of(the_desk.domain, hearing) as client:
         client._stop_given_at = stop_given_at
@@ -622,7 +643,7 @@ def test_what_was_confirmed_with_a_command_is_sent_once_that_is_accepted_or_else
     assert all(each.then == then[1:] for each in sent)
 
 
-def test_that_all_kill_is_accepted_is_told_last(the_desk: Desk) -> None:
+def test_that_all_kill_is_accepted_is_told_last(the_desk: WireRace) -> None:
     """However long it takes to tell that it is pressed, unless it is accepted meanwhile."""
     hearing, told, accepted = Hearing(), list[int](), threading.Event()
 

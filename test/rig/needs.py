@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from typing import NoReturn
 
 import pytest
@@ -26,12 +25,6 @@ def cannot_run(why: str, *, whole_file: bool = False) -> NoReturn:
     if os.environ.get('EVGP_ALL_TESTS'):
         raise pytest.fail.Exception(f'EVGP_ALL_TESTS is set, but {why}', pytrace=False)
     raise pytest.skip.Exception(why, allow_module_level=whole_file)
-
-
-def need_program(name: str, package: str) -> None:
-    """Skip the test where a program of the system, which this package brings, is missing."""
-    if shutil.which(name) is None:
-        cannot_run(f'there is no command {name}: install {package}')
 
 
 def need_package(package: str) -> None:

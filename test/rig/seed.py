@@ -18,15 +18,10 @@ import pytest
 SEED = 'EVGP_TEST_SEED'
 
 
-def dice_of(request: pytest.FixtureRequest) -> random.Random:
-    """Return random numbers for a test or a module of them, the same with the same ``--seed``."""
-    return random.Random(f'{request.config.getoption("seed")} {request.node.name}')
-
-
 @pytest.fixture
 def chance(request: pytest.FixtureRequest) -> random.Random:
-    """Return random numbers for the test alone."""
-    return dice_of(request)
+    """Return random numbers for this test, the same with the same ``--seed``."""
+    return random.Random(f'{request.config.getoption("seed")} {request.node.name}')
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
