@@ -12,11 +12,12 @@ kart's program reads, when, and what it says.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 import enum
 import heapq
 import itertools
+from typing import Any
 
 from evgp_protocol.frames import encode, StateFrame
 from evgp_protocol.hearing import Hearing
@@ -41,46 +42,11 @@ class Says(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Habit:
+class Kart:
     """
-    What a kart says.
+    What a kart says, and how it reads.
 
     :ivar garage: it says IN_GARAGE back, too; ``greets``: it says it once, when it connects.
-    """
-
-    says: Says
-    garage: bool = False
-    greets: bool = False
-
-    def says_back(self, state: RaceState, is_new: bool, last_word: RaceState | None) -> bool:
-        """
-        Return whether a kart says a state back that it reads.
-
-        :param is_new: it has not said this one back since the state changed.
-        """
-        if state is GARAGE and not self.garage:
-            return False
-        if self.says is Says.NEWS:
-            return state is not last_word
-        return is_new or self.says is Says.FRAMES
-
-
-HABITS = (
-    Habit(Says.CHANGES, garage=True),
-    Habit(Says.CHANGES),
-    Habit(Says.FRAMES, garage=True),
-    Habit(Says.FRAMES),
-    Habit(Says.FRAMES, greets=True),
-    Habit(Says.CHANGES, greets=True),
-)
-"""The habits of whose words every one counts in the end, if the kart reads in time."""
-
-
-@dataclass(frozen=True)
-class Reader:
-    """
-    How a kart reads.
-
     :ivar rate: it reads so often a second; 0: at once.
     :ivar one_frame: it reads one frame each time; otherwise all that has come, and says the last.
     :ivar says_after: time from reading a frame until its word has arrived, s.
@@ -88,11 +54,25 @@ class Reader:
     :ivar acts_in: time that it takes to do what an order says, from when it first reads it, s.
     """
 
+    says: Says
+    garage: bool = False
+    greets: bool = False
     rate: float = 0.0
     one_frame: bool = True
     says_after: float = 0.0
     freezes: tuple[tuple[float, float], ...] = ()
     acts_in: float = 0.0
+
+
+HABITS = (
+    Kart(Says.CHANGES, garage=True),
+    Kart(Says.CHANGES),
+    Kart(Says.FRAMES, garage=True),
+    Kart(Says.FRAMES),
+    Kart(Says.FRAMES, greets=True),
+    Kart(Says.CHANGES, greets=True),
+)
+"""The habits of whose words every one counts in the end, if the kart reads in time."""
 
 
 @dataclass
@@ -122,17 +102,11 @@ class Story:
     :ivar behind: when it was said to be behind, and how far (s).
     """
 
-    def __init__(
-        self,
-        habit: Habit,
-        reader: Reader,
-        orders: Iterable[tuple[RaceState, float]],
-        beat_rate: float = 12.0,
-    ) -> None:
+    def __init__(self, kart: Kart, orders: Orders, beat_rate: float = 12.0) -> None:
         self.orders: list[Given] = []
         self.stale: list[tuple[int, int]] = []
         self.behind: list[tuple[float, float]] = []
-        self.habit, self.reader, self.beat_rate = habit, reader, beat_rate
+        self.kart, self.period = kart, 1.0 / beat_rate
         self.hearing = Hearing(beat_rate)
         self.sent = 0  # bytes
         self.unread: deque[int] = deque()  # the serial of each frame
@@ -142,95 +116,85 @@ class Story:
         self.last_heard: tuple[RaceState, int] | None = None  # and which order it was meant for
         self.said_change = 0
         self.counter = itertools.count()
-        self.to_come: list[tuple[float, int, str, RaceState, int]] = []
-        self.tell(orders)
-
-    def at(self, when: float, what: str, state: RaceState = GARAGE, serial: int = 0) -> None:
-        heapq.heappush(self.to_come, (when, next(self.counter), what, state, serial))
-
-    def tell(self, orders: Iterable[tuple[RaceState, float]]) -> None:
+        self.to_come: list[tuple[float, int, Callable[..., None], tuple[Any, ...]]] = []
         ends = 0.0
         for state, lasts in orders:
-            self.at(ends, 'order', state)
+            self.at(ends, self.order, state)
             ends += lasts
-        period = 1.0 / self.beat_rate
-        self.at(0.37 * period, 'beat')
-        if self.reader.rate:
-            self.at(0.61 / self.reader.rate, 'turn')
-        if self.habit.greets:
-            self.at(0.001, 'greet')
-        while True:
-            now, _, what, state, serial = heapq.heappop(self.to_come)
-            if now > ends:
-                return
-            if what == 'order':
-                self.order(state, now)
-            elif what == 'beat':
-                self.beat(now)
-                self.at(now + period, 'beat')
-            elif what == 'greet':
-                self.say(GARAGE, 1, now)
-            elif what == 'arrive':
-                self.arrive(state, serial, now)
-            if what == 'turn':
-                self.read(now)
-                self.at(now + 1.0 / self.reader.rate, 'turn')
-            elif not self.reader.rate:
-                self.read(now)
+        self.at(0.37 * self.period, self.beat)
+        if kart.rate:
+            self.at(0.61 / kart.rate, self.turn)
+        if kart.greets:
+            self.at(0.001, self.say, GARAGE, 1)
+        while self.to_come[0][0] <= ends:
+            self.now, _, happens, about = heapq.heappop(self.to_come)
+            happens(*about)
+            if not kart.rate:
+                self.read()
 
-    def order(self, state: RaceState, now: float) -> None:
-        self.orders.append(Given(now, state))
-        self.sent += len(FRAMES[state])
-        serial = len(self.orders)
-        self.hearing.order(serial, state, self.sent, 0)
-        self.unread.append(serial)
+    def at(self, when: float, happens: Callable[..., None], *about: object) -> None:
+        heapq.heappush(self.to_come, (when, next(self.counter), happens, about))
+
+    def order(self, state: RaceState) -> None:
+        self.orders.append(Given(self.now, state))
+        self.send()
+        self.hearing.order(len(self.orders), state, self.sent, 0)
         self.hearing.look(self.sent, 0)
 
-    def beat(self, now: float) -> None:
-        self.hearing.beat(now)
+    def send(self) -> None:
+        self.sent += len(FRAMES[self.orders[-1].state])
+        self.unread.append(len(self.orders))
+
+    def beat(self) -> None:
+        self.hearing.beat(self.now)
         for frame, serial in self.hearing.settled():
             # The last word of all that were said: nothing followed it.
             assert self.last_heard is not None
             assert frame.state is self.last_heard[0]
-            self.count(serial, self.last_heard[1], now)
-        if self.orders:
-            self.sent += len(FRAMES[self.orders[-1].state])
-            self.unread.append(len(self.orders))
-            self.hearing.sent_again()
+            self.count(serial, self.last_heard[1])
+        self.send()
+        self.hearing.sent_again()
         if behind := self.hearing.behind:
-            self.behind.append((now, behind))
+            self.behind.append((self.now, behind))
+        self.at(self.now + self.period, self.beat)
 
-    def read(self, now: float) -> None:
-        if any(begin <= now < begin + lasts for begin, lasts in self.reader.freezes):
+    def turn(self) -> None:
+        self.read()
+        self.at(self.now + 1.0 / self.kart.rate, self.turn)
+
+    def read(self) -> None:
+        if any(begin <= self.now < begin + lasts for begin, lasts in self.kart.freezes):
             return
         while self.unread:
-            serial = self.unread.popleft()
-            if not self.reader.one_frame:
-                self.unread.clear() if serial == len(self.orders) else None
-                if self.unread:
-                    continue
-            order = self.orders[serial - 1]
+            serial = self.unread.popleft() if self.kart.one_frame else self.unread.pop()
+            if not self.kart.one_frame:
+                self.unread.clear()
             if serial != self.change:
-                self.change, self.change_at = serial, now
-            self.speak(order.state, serial, now)
-            if self.reader.rate and self.reader.one_frame:
+                self.change, self.change_at = serial, self.now
+            self.speak(self.orders[serial - 1].state, serial)
+            if self.kart.rate:
                 return
 
-    def speak(self, state: RaceState, serial: int, now: float) -> None:
-        if state is not GARAGE and now - self.change_at < self.reader.acts_in:
+    def speak(self, state: RaceState, serial: int) -> None:
+        """Have it say back what it has read, if that is its habit and it has done that by now."""
+        kart, is_new = self.kart, self.said_change != serial
+        does_it = self.now - self.change_at >= kart.acts_in
+        if not (kart.garage if state is GARAGE else does_it):
             return
-        if self.habit.says_back(state, self.said_change != serial, self.last_word):
+        if kart.says is Says.NEWS:
+            is_new = state is not self.last_word
+        if is_new or kart.says is Says.FRAMES:
             self.said_change = serial
-            self.say(state, serial, now)
+            self.say(state, serial)
 
-    def say(self, state: RaceState, serial: int, now: float) -> None:
+    def say(self, state: RaceState, serial: int) -> None:
         self.last_word = state
-        if self.reader.says_after:
-            self.at(now + self.reader.says_after, 'arrive', state, serial)
+        if self.kart.says_after:
+            self.at(self.now + self.kart.says_after, self.arrive, state, serial)
         else:
-            self.arrive(state, serial, now)
+            self.arrive(state, serial)
 
-    def arrive(self, state: RaceState, meant: int, now: float) -> None:
+    def arrive(self, state: RaceState, meant: int) -> None:
         data = FRAMES[state]
         self.hearing.read(len(data))
         self.hearing.look(self.sent, 0)
@@ -239,16 +203,16 @@ class Story:
         self.last_heard = state, meant
         present = self.orders[-1]
         if state is present.state and present.said_at is None:
-            present.said_at, present.counts_in = now, self.hearing.counts_in()
+            present.said_at, present.counts_in = self.now, self.hearing.counts_in()
         if serial:
-            self.count(serial, meant, now)
+            self.count(serial, meant)
 
-    def count(self, serial: int, meant: int, now: float) -> None:
+    def count(self, serial: int, meant: int) -> None:
         if serial > meant:
             self.stale.append((serial, meant))
         order = self.orders[serial - 1]
         if serial == len(self.orders) and order.counted_at is None:
-            order.counted_at = now
+            order.counted_at = self.now
 
 
 WAIT = 3.0
@@ -304,15 +268,16 @@ def late(story: Story, orders: Orders, turn: float) -> list[str]:
     return found
 
 
-def stories(rates: tuple[float, ...]) -> Iterator[tuple[str, Habit, Reader, Story]]:
+def stories(rates: tuple[float, ...]) -> Iterator[tuple[str, Kart, Story]]:
     """Yield what becomes of each sequence with each habit, delay and rate."""
     for (name, orders), habit, delay in itertools.product(SEQUENCES.items(), HABITS, DELAYS):
         # It reads and says late; it reads all there is, so much later; or one frame in each turn.
-        readers = [Reader(says_after=delay), *[Reader(rate, says_after=delay) for rate in rates]]
+        late_one = replace(habit, says_after=delay)
+        karts = [late_one, *[replace(late_one, rate=rate) for rate in rates]]
         if delay:
-            readers.append(Reader(1 / delay, one_frame=False))
-        for reader in readers:
-            yield name, habit, reader, Story(habit, reader, orders)
+            karts.append(replace(habit, rate=1 / delay, one_frame=False))
+        for kart in karts:
+            yield name, kart, Story(kart, orders)
 
 
 @pytest.mark.parametrize(
@@ -322,14 +287,14 @@ def stories(rates: tuple[float, ...]) -> Iterator[tuple[str, Habit, Reader, Stor
 def test_in_every_legal_sequence_all_is_acknowledged_within_3_s_and_nothing_is_stale(
     rates: tuple[float, ...],
 ) -> None:
-    for name, habit, reader, story in stories(rates):
-        which = f'{name}; {habit}; {reader}'
+    for name, kart, story in stories(rates):
+        which = f'{name}; {kart}'
         assert not story.stale, which
-        in_time = reader.rate == 0 or reader.rate >= 12
-        drains = not reader.one_frame
+        in_time = kart.rate == 0 or kart.rate >= 12
+        drains = not kart.one_frame
         # How often a kart that reads all there is speaks is known after 4 s in one state.
         if in_time or (drains and name != 'a short grid again'):
-            assert not late(story, SEQUENCES[name], drains / (reader.rate or 1.0)), which
+            assert not late(story, SEQUENCES[name], drains / (kart.rate or 1.0)), which
         for order in story.orders if in_time else ():
             # What was said about the wait holds, but for the time that one word takes.
             if order.counts_in and order.counted_at and order.said_at:
@@ -349,25 +314,29 @@ def test_no_word_counts_for_an_order_that_the_kart_had_not_read_however_it_reads
     )
     orders = [(state, data.draw(lasts)) for state, _ in itertools.groupby(states)]
     orders[0] = orders[0][0], 2.0 + orders[0][1]  # a greeting answers nothing: it is over by then
-    habits = st.builds(Habit, st.sampled_from(Says), st.booleans(), st.booleans())
+    habit = {
+        'says': st.sampled_from(Says),
+        'garage': st.booleans(),
+        'greets': st.booleans(),
+        'says_after': st.floats(0.0, 0.9),
+    }
     freezes = st.tuples(st.floats(0.0, 60.0), st.floats(0.0, 1.0))
     reader = st.builds(
-        Reader,
+        Kart,
+        **habit,
         rate=st.floats(8.0, 30.0),
-        says_after=st.floats(0.0, 0.9),
         freezes=st.lists(freezes, max_size=1).map(tuple),
         acts_in=st.sampled_from((0.0, 0.0, 1.0, 4.0)),
     )
     # It reads all there is at once, or each second.
     drains = st.builds(
-        Reader,
+        Kart,
+        **habit,
         rate=st.just(0.0) | st.floats(1.1, 30.0),
         one_frame=st.just(False),
-        says_after=st.floats(0.0, 0.9),
         acts_in=st.sampled_from((0.0, 1.0, 4.0)),
     )
-    story = Story(data.draw(habits), data.draw(reader | drains), orders, beat_rate)
-    assert not story.stale
+    assert not Story(data.draw(reader | drains), orders, beat_rate).stale
 
 
 @pytest.mark.parametrize('rate', [8.0, 9.0, 10.0, 11.0])
@@ -377,7 +346,7 @@ def test_a_kart_that_says_every_frame_back_and_reads_too_few_is_shown_within_10_
     rate: float, garage: bool, lasts: tuple[float, float]
 ) -> None:
     orders = list(zip((GARAGE, GRID, GREEN), (*lasts, 30.0), strict=True))
-    story = Story(Habit(Says.FRAMES, garage), Reader(rate), orders)
+    story = Story(Kart(Says.FRAMES, garage, rate=rate), orders)
     shown, _ = story.behind[0]
     said = next(each.said_at for each in story.orders if each.said_at is not None)
     assert shown - said < 10.0
@@ -388,15 +357,14 @@ def test_a_kart_that_says_every_frame_back_and_reads_too_few_is_shown_within_10_
 
 @pytest.mark.parametrize('rate', [0.0, 12.0, 13.0, 19.0, 30.0])
 @pytest.mark.parametrize('habit', HABITS)
-def test_a_kart_that_reads_in_time_is_never_shown_as_late(habit: Habit, rate: float) -> None:
+def test_a_kart_that_reads_in_time_is_never_shown_as_late(habit: Kart, rate: float) -> None:
     for delay in DELAYS:
-        reader = Reader(rate, says_after=delay, freezes=((40.0, 1.0),), acts_in=2.0)
-        assert not Story(habit, reader, SEQUENCES['a long race']).behind
+        kart = replace(habit, rate=rate, says_after=delay, freezes=((40.0, 1.0),), acts_in=2.0)
+        assert not Story(kart, SEQUENCES['a long race']).behind
 
 
 def test_a_kart_that_is_behind_and_catches_up_is_not_shown_any_more() -> None:
-    story = Story(
-        Habit(Says.FRAMES, garage=True), Reader(10.0), [(GARAGE, 30), (GRID, 5), (GREEN, 5)]
-    )
+    kart = Kart(Says.FRAMES, garage=True, rate=10.0)
+    story = Story(kart, [(GARAGE, 30), (GRID, 5), (GREEN, 5)])
     assert story.behind
     assert max(each for _, each in story.behind) == pytest.approx(30 / 6, abs=2.0)
