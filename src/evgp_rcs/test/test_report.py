@@ -405,6 +405,7 @@ def test_report_and_table_have_what_the_timekeeper_says_of_a_race_but_no_laps_by
         Correction(Act.STRIKE, 'Ben', passing=Identity('line', 'today', 2), reason='it was 8'),
     )
     given = [Corrected(paper.now, each, race=race) for each in asked for race in (1, 2)]
+    given.append(Corrected(0.0, asked[0]._replace(kart=9), race=1))  # the machine began again
     record = paper.write(tmp_path / 'record.sqlite3')
     page = report(timed(record, Standings(race=1), LAPS, *given))
     assert 'no difference' in page
@@ -436,6 +437,7 @@ def test_report_and_table_have_what_the_timekeeper_says_of_a_race_but_no_laps_by
     assert table(page, 'of_timing') == [
         [when, 'Grace', 'penalise a kart, kart 8, +5 s: it cut the corner'],
         [when, 'Ben', 'strike a passing out, passing line 2: it was 8'],
+        ['later', 'Grace', 'penalise a kart, kart 9, +5 s: it cut the corner'],
     ]
     rows = {row['kart']: row for row in rows_of(record)}
     found = {kart: (row['place'], row['finish'], row['result']) for kart, row in rows.items()}
