@@ -84,8 +84,8 @@ class Step(NamedTuple):
 _TABLE = """
 connect | connect garage stay:watch | Nothing is sent for a moment, then IN_GARAGE.
 first | red | RED_RED is sent to a kart that stands.
-alone | garage green garage grid garage green | GREEN_GREEN is sent after IN_GARAGE: before any
-    GRID_ACTIVE, then after an acknowledged one.
+alone | garage green stop garage grid garage green | GREEN_GREEN is sent after IN_GARAGE: before
+    any GRID_ACTIVE, then after an acknowledged one.
 bytes | garage pieces | RED_RED is sent byte by byte.
 many | garage pieces | RED_RED is sent in pieces of five frames, cut inside a frame.
 late | garage pieces | RED_RED is sent in halves, 0.07 s apart.
