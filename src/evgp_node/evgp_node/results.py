@@ -248,6 +248,7 @@ class Standings(NamedTuple):
     races: tuple[RaceOfEvent, ...] = ()
     questions: tuple[str, ...] = ()
     published: bool = False
+    from_green: bool = False
 
     @property
     def about(self) -> str:

@@ -584,9 +584,9 @@ class Screen:
         if timing is None or (timing.laps and timing.kart(kart.number) is None):
             reason = finish.reason or texts.NO_TIMING_REASON
             return replace(finish, enabled=False, reason=reason)
-        # In a race of one lap, the first crossing begins the lap.
-        begun, laps_left = timed.has_crossed(timing, kart.number), timing.laps_left(kart.number)
-        if timing.laps and (laps_left > 1 or not begun):
+        # In a race of one lap, the first crossing may begin the lap.
+        begun = timing.from_green or timed.has_crossed(timing, kart.number)
+        if timing.laps and (timing.laps_left(kart.number) > 1 or not begun):
             offered = Availability(CommandKind.KART_FINISH, True)
             return self._button(Act.COUNT, kart, offered, key)
         return finish

@@ -663,6 +663,7 @@ SEEN = Judged(Passing('line', 'today', 1), 7, Mark.COUNTED, 3.0, '')
         (FIRST, {'in_race': False}, CommandKind.KART_FINISH),
         (FIRST, {'place': 1}, CommandKind.KART_FINISH),
         (FIRST._replace(laps=1), {}, Act.COUNT),  # this crossing begins the lap
+        (FIRST._replace(laps=1, from_green=True), {}, CommandKind.KART_FINISH),
         (FIRST._replace(laps=1, passings=(SEEN,)), {}, CommandKind.KART_FINISH),
         (None, {}, None),
         (Standings(0.0, laps=6), {}, None),  # it is old

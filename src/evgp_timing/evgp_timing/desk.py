@@ -486,6 +486,7 @@ class Desk:
             overall=self.best(laps.heat.format),
             passings=tuple(laps.last_passings(MOST_PASSINGS)),
             published=bool(race.published) and race.published == laps.results,
+            from_green=laps.settings.from_green,
         )
 
     def _listed(self) -> Iterator[RaceOfEvent]:

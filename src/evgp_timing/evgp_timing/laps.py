@@ -88,6 +88,11 @@ class LapSettings:
     first_crossing: str = 'starts'
     clock_tolerance: float = CLOCK_TOLERANCE
 
+    @property
+    def from_green(self) -> bool:
+        """Return whether lap 1 begins at GREEN_GREEN, so that the first crossing ends it."""
+        return self.first_crossing == 'ends'
+
 
 @dataclass(frozen=True)
 class Laps:
@@ -279,8 +284,7 @@ class Laps:
     def again(self, **changes: Any) -> Laps:
         """Return new laps with these fields changed and all passings judged again."""
         changed = dataclasses.replace(self, **changes)
-        ends = self.settings.first_crossing == 'ends'
-        begun = dict.fromkeys(changed.karts, (0.0,) * ends)
+        begun = dict.fromkeys(changed.karts, (0.0,) * self.settings.from_green)
         fresh = dataclasses.replace(changed, counted=begun, crossings=())
         return fresh._judge(self.crossings)
 

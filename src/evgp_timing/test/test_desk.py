@@ -271,6 +271,7 @@ def test_a_desk_that_is_fed_again_knows_the_same_and_no_order_of_things_breaks_i
     assert again.grids() == event.desk.grids()
     assert again.questions() == event.desk.questions()
     found = event.desk.standings()
+    assert found.from_green is (event.settings.first_crossing == 'ends')
     by_hand = [each.passing for each in found.passings if each.passing.source == BY_HAND]
     assert len({each.identity for each in by_hand}) == len(by_hand)
     assert len({each.kart for each in found.karts}) == len(found.karts)
