@@ -4,7 +4,7 @@
 # The commands of the project. Each first sets up what is missing (.venv, build/, install/).
 #
 #   PYTHON=python3.12   interpreter to set up with (default: the first that fits)
-#   ARGS='...'          passed on by bench, board, bridge, button, console, ctl, demo, fuzz,
+#   ARGS='...'          passed on by bench, board, bridge, button, console, ctl, demo,
 #                       inspect-kart, record, rehearsal, sim, soak, spare, survey, takeover, test,
 #                       test-alone, test-long, timekeeper and timing
 #   WORKERS=8           number of tests that run at the same time; most tests mostly wait
@@ -44,8 +44,8 @@ quoted = '$(subst ','\'',$(1))'
 parameter = -p $(call quoted,$(1):='$(subst ','',$(2))')
 
 # A test must not command a real kart: neither our programs, nor nodes with ROS's own settings.
-bench demo fuzz screenshots sim soak test test-alone test-long: export EVGP_GRAPH_INTERFACE :=
-bench demo fuzz screenshots sim soak test test-alone test-long: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+bench demo screenshots sim soak test test-alone test-long: export EVGP_GRAPH_INTERFACE :=
+bench demo screenshots sim soak test test-alone test-long: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 # The kart's bridge: race control's address, and the topic of the kart's odometry, which the bridge
 # then requires. ARGS holds what follows --ros-args, such as '-p auto_acknowledge_stop:=true'.
@@ -59,7 +59,7 @@ AT :=
 KIND :=
 DEVICE :=
 
-.PHONY: help setup deb demo sim rehearsal test test-alone test-long bench soak fuzz run roster record console ctl board button bridge timing \
+.PHONY: help setup deb demo sim rehearsal test test-alone test-long bench soak run roster record console ctl board button bridge timing \
   timekeeper spare takeover inspect-kart survey screenshots kit-size lines lint format clean
 
 # Officials and teams see what the programs print, and not the recipes.
@@ -74,7 +74,6 @@ help:
 	@echo 'make test-alone  run the long tests that need every processor for themselves'
 	@echo 'make soak    test race control under random faults and commands (ARGS="--seconds 60")'
 	@echo 'make bench   measure how fast a stop reaches karts  (ARGS="--karts 20")'
-	@echo 'make fuzz    fuzz the decoders and the roster loader, guided by coverage'
 	@echo 'make run     start race control and the timekeeper for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml OFFICIALS=10.1.0.5 ADDRESS=10.0.0.1)'
 	@echo 'make roster  check a roster without starting anything (ROSTER=karts.yaml)'
 	@echo 'make spare   keep a copy of race control            (FROM=anna@10.1.0.5:evgp ROSTER=karts.yaml PARAMS=rcs.yaml)'
@@ -131,9 +130,6 @@ soak:
 
 bench:
 	$(IN_WORKSPACE) python bench/performance.py $(ARGS)
-
-fuzz:
-	$(IN_WORKSPACE) python fuzz/run.py $(ARGS)
 
 # setup/official says what each takes, and what it runs.
 SETTINGS := ADDRESS FROM INTERFACE OFFICIAL OFFICIALS PARAMS RECORD ROSTER TIMING
@@ -196,7 +192,7 @@ lines:
 lint:
 	@failed=; \
 	for check in 'ruff check' 'ruff format --check' 'setup/without-ros flake8' \
-	    'pydocstyle bench fuzz kit setup soak src test' mypy; do \
+	    'pydocstyle bench kit setup soak src test' mypy; do \
 	  echo "$$check"; \
 	  $(IN_WORKSPACE) $$check || failed=1; \
 	done; \

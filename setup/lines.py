@@ -12,7 +12,7 @@ COUNTED = (
     *('.py', '.c', '.h', '.cpp', '.hpp', '.msg', '.srv'),
     *('.css', '.js', '.html', '.j2', '.md', '.rst'),
 )
-TOOLS = re.compile(r'(^|/)(test|bench|soak|fuzz|setup|evgp_testing)/|^conftest\.py$')
+TOOLS = re.compile(r'(^|/)(test|bench|soak|setup|evgp_testing)/|^conftest\.py$')
 
 
 def part_of(path: str) -> str:

@@ -6,6 +6,8 @@
 from __future__ import annotations
 
 import io
+import ipaddress
+import json
 import os
 import pathlib
 import re
@@ -16,13 +18,20 @@ from evgp_node.roster import (
     Heat,
     load_roster,
     MAX_BYTES,
+    MAX_HEAT_LENGTH,
+    MAX_NUMBER,
+    MAX_TEAM_LENGTH,
+    MOST_FAULTS,
     parse_roster,
     Roster,
     RosterEntry,
     RosterError,
 )
 from evgp_rcs.rcs_roster import main as rcs_roster
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 import pytest
+import yaml
 
 SHIPPED = pathlib.Path(__file__).parents[1] / 'src' / 'evgp_rcs' / 'config' / 'karts.yaml'
 
@@ -204,6 +213,7 @@ NO_LIST = [
     ('karts:\n  - number: [1\n', '2: is not YAML ('),
     ('karts:\n  - team: a\x00b\n', '2: is not YAML (the character #x0000'),
     ('karts:\n  - "\\UFFFFFFFF"\n', ' is not YAML ('),
+    ('karts:\n  - "\\U00110000"\n', ' is not YAML ('),
     (TWO_KARTS + '---\n' + TWO_KARTS, '10: is not YAML ('),
     ('[' * 100_000, ' is nested too deep'),
     # What is shown cannot be printed.
@@ -437,3 +447,90 @@ def test_a_right_roster_is_shown_with_its_karts_and_heats(
         'transponders 4711, 08, FL-9',
         'heat "Final": 1, 2 (time_trial, 6 laps, grid from practice)',
     ]
+
+
+# ----- any text -------------------------------------------------------------------------------
+
+TELLING = (
+    *('karts:', '- number: ', '  team: ', '  address: ', '  in_race: ', 'heats:', '  A: [1]'),
+    *('true', 'false', 'yes', 'off', '10.0.0.1', '255.255.255.255', '224.0.0.1', '0x1', '010'),
+    *('1:30', '~', 'null', '&a', '*a', '!!', '!!python/object:', '<<: ', '%YAML 1.1', '%TAG ! '),
+    *('---', '...', '? ', '|', '>', '"', "'", '\\x', '\\U', '{', '}', '[', ']', ', ', ': ', '#'),
+    *('\ufeff', '\x85', '\u2028', '\u202e', '\r\n', '\t', '\n', '\n  '),
+)
+HEATS = """\
+karts:
+  - {number: 1, team: Ohm, address: 10.0.0.1, in_race: true}
+  - {number: 2, team: Volta, address: 10.0.0.2, in_race: true, transponders: [4, x]}
+heats:
+  Heat 1: [2, 1]
+  2: {karts: [1], format: race, laps: 3, auto_finish: true, grid_from: Heat 1}
+"""
+edits = st.lists(
+    st.tuples(
+        st.integers(0, len(HEATS)),
+        st.sampled_from([0, 0, 1, 1, 2, 5, 20, 100]),
+        st.sampled_from(TELLING) | st.text(max_size=5) | st.integers(0, 10**5).map(str),
+    ),
+    max_size=6,
+)
+
+
+@settings(max_examples=300)
+@given(st.sampled_from([TWO_KARTS, HEATS, SHIPPED.read_text(encoding='utf-8')]), edits)
+@example(HEATS, [])
+@example('%YAML 99999999999999999999.1\n---\nkarts: []\n', [])
+@example(TWO_KARTS.replace('Purdue', '>\n      Two\n      lines'), [])
+def test_any_text_is_a_roster_that_other_readers_read_alike_or_is_refused_in_few_short_lines(
+    text: str, edits: list[tuple[int, int, str]]
+) -> None:
+    for at, length, new in edits:
+        text = text[:at] + new + text[at + length :]
+    try:
+        roster = parse_roster(text, 'roster')
+    except RosterError as error:
+        # YAML ends a line at any of these; a fault may be reported after the last one.
+        lines = len(re.split('\r\n|[\r\n\x85\u2028\u2029]', text))
+        told = str(error).split('\n')
+        assert len(told) <= MOST_FAULTS + 1
+        for each in told:
+            found = re.match(r'roster(?::([1-9]\d*))?: ', each)
+            assert found, each
+            assert int(found[1] or 0) <= lines + 1, each
+            assert each.isprintable(), each
+            assert len(each) < 1000, each
+        return
+    karts = yaml.safe_load(text)['karts']
+    assert [(each.number, each.team, each.address, each.in_race) for each in roster.entries] == [
+        (each['number'], each['team'].strip(), each['address'], each['in_race']) for each in karts
+    ]
+    numbers = {each.number for each in roster.entries}
+    assert len(numbers) == len({each.address for each in roster.entries}) == len(karts) > 0
+    for entry in roster.entries:
+        assert type(entry.number) is int
+        assert 1 <= entry.number <= MAX_NUMBER
+        assert 1 <= len(entry.team) <= MAX_TEAM_LENGTH
+        assert entry.team.isprintable()
+        assert type(entry.in_race) is bool
+        address = ipaddress.IPv4Address(entry.address)
+        assert str(address) == entry.address
+        assert not any((address.is_multicast, address.is_reserved, address.packed[0] == 0))
+    assert len({heat.name for heat in roster.heats}) == len(roster.heats)
+    for heat in roster.heats:
+        assert list(heat.karts) == sorted({*heat.karts} & numbers) != []
+        assert heat.name.isprintable()
+        assert 1 <= len(heat.name.strip()) == len(heat.name) <= MAX_HEAT_LENGTH
+    again: dict[str, object] = {'karts': [*map(given_of, roster.entries)]}
+    if roster.heats:
+        again['heats'] = {each.name: given_of(each) for each in roster.heats}
+    # YAML as well
+    assert parse_roster(json.dumps(again, default=lambda each: each.value), 'roster') == roster
+
+
+def given_of(part: RosterEntry | Heat) -> dict[str, object]:
+    """Return the fields of a part of a roster that do not have their default; a heat's no name."""
+    return {
+        name: value
+        for name, value in vars(part).items()
+        if name != 'name' and value != getattr(type(part), name, None)
+    }

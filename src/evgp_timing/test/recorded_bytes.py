@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What devices say, by public captures and descriptions, and what it means; for tests and fuzz."""
+"""What devices say, by public captures and descriptions, and what it means; for tests."""
 
 from __future__ import annotations
 
