@@ -432,11 +432,11 @@ def tables(page: str, kind: str) -> list[list[list[str]]]:
 
 
 def timed(record: pathlib.Path, *results: Standings | Corrected) -> pathlib.Path:
-    """Write the timekeeper's book beside a record, about the races of its newest run."""
+    """Write the timekeeper's book beside a record, about its newest run unless it names one."""
     with open_runs(record) as runs:
         run = runs.choose(None)
     stream: Stream[Standings | Corrected | Began] = Stream([Standings, Corrected, Began])
-    entries = Began('boot', 0), *(each._replace(run=run.id) for each in results)
+    entries = Began('boot', 0), *(each._replace(run=each.run or run.id) for each in results)
     block = Block(0, b''.join(map(stream.encode, entries))).compressed()
     book, _ = open_for_writing(record.with_name(BOOK))
     with contextlib.closing(book):

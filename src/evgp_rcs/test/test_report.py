@@ -454,29 +454,41 @@ def test_report_and_table_have_what_the_timekeeper_says_of_a_race_but_no_laps_by
     assert words in report(timed(record, full))
 
 
-def test_the_standing_over_all_heats_is_the_newest_for_every_race(
-    paper: PaperRace, tmp_path: pathlib.Path
+def test_the_standing_over_all_heats_is_the_newest_of_the_day_whichever_run_is_asked_for(
+    tmp_path: pathlib.Path,
 ) -> None:
     """A penalty for an earlier race is in its own results and in the standing of all."""
-    paper.go(f'{DRIVE_AND_STOP}, go_home, {DRIVE_AND_STOP}')
     one, two = (KartResult(kart, 1, Status.CLASSIFIED, 1, 9.0, (9.0,), ()) for kart in (7, 8))
     penalised = one._replace(total=14.0)
     trial = Standings(race=1, format=Format.TIME_TRIAL)
-    record = timed(
-        paper.write(tmp_path / 'record.sqlite3'),
-        trial._replace(karts=(one,), overall=(one,)),
-        trial._replace(race=2, karts=(two,), overall=(one, two._replace(place=2))),
-        trial._replace(karts=(penalised,), overall=(two, penalised._replace(place=2))),
+    first, second = PaperRace(TEAMS), PaperRace(TEAMS)
+    for paper in (first, second):
+        paper.go(f'connect 7 8 9, wait 1, {DRIVE_AND_STOP}')
+        record = paper.write(tmp_path / 'record.sqlite3')
+    timed(
+        record,
+        trial._replace(run=first.race.run, karts=(one,), overall=(one,)),
+        trial._replace(karts=(two,), overall=(one, two._replace(place=2))),
+        trial._replace(
+            run=first.race.run, karts=(penalised,), overall=(two, penalised._replace(place=2))
+        ),
     )
-    found = [(row['race'], row['kart'], row['total'], row['overall']) for row in rows_of(record)]
-    assert [each for each in found if each[3]] == [
-        ('1', '7', '14.000', '2'),
-        ('2', '8', '9.000', '1'),
-    ]
-    assert [row[:2] for row in tables(report(record), 'order results')[-1]] == [
-        ['1.', 'Kart 8 (Michigan)'],
-        ['2.', 'Kart 7 (Purdue)'],
-    ]
+    told = 'run', 'kart', 'total', 'overall'
+    rows = [('1', '7', '14.000', '2'), ('2', '8', '9.000', '1')]
+    for asked, wanted in (
+        ('', rows),
+        ('--all', rows),
+        ('--run 1', rows[:1]),
+        ('--run 2', rows[1:]),
+    ):
+        found = [tuple(row[each] for each in told) for row in rows_of(record, *asked.split())]
+        assert [row for row in found if row[3]] == wanted
+    for run in ('1', '2'):
+        page = report(record, '--run', run)
+        assert [row[:2] for row in tables(page, 'order results')[-1]] == [
+            ['1.', 'Kart 8 (Michigan)'],
+            ['2.', 'Kart 7 (Purdue)'],
+        ]
 
 
 @pytest.mark.parametrize(

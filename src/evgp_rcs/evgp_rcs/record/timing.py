@@ -5,16 +5,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 import contextlib
 import pathlib
 import sqlite3
 from typing import NamedTuple
 
 from evgp_node.results import Act, Corrected, Standings
+from evgp_node.roster import Format
 from evgp_node.stream import Gap, Stream
 from evgp_node.stream_file import blocks_of, BOOK, check_version, open_for_reading, runs_of
 from evgp_rcs.record.runs import say
+from evgp_rcs.record.store import Session
 
 _STREAM: Stream[Standings | Corrected] = Stream([Standings, Corrected])
 
@@ -29,6 +31,16 @@ class Timing(NamedTuple):
 
     results: dict[tuple[str, int], Standings]
     corrections: dict[tuple[str, int], list[Corrected]]
+
+    def overall(self, day: Iterable[Session]) -> dict[Format, Standings]:
+        """
+        Return the results with the newest standings over all heats of each format in some runs.
+
+        They may be a correction of a race in an earlier run.
+        """
+        ids = {run.id for run in day}
+        results = (each for (run, _), each in self.results.items() if run in ids and each.karts)
+        return {each.format: each for each in results}
 
 
 def entries(path: pathlib.Path) -> Iterator[tuple[int, Standings | Corrected | Gap]]:

@@ -36,8 +36,9 @@ def main(wanted: argparse.Namespace) -> int:
         run = runs.choose(wanted.run)
         kept = runs.read(run)
         sums = _sums(runs, kept)
-    account = Account(kept, timing_of(wanted.file))
-    written = page(runs, account, sums, wanted.event)
+    timing = timing_of(wanted.file)
+    account = Account(kept, timing)
+    written = page(runs, account, timing, sums, wanted.event)
     what = f'run {run.number}, {len(account.events)} events'
     return put(written, wanted.output, what) or (PARTLY if account.gaps else runs.code)
 

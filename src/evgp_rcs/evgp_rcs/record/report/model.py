@@ -21,8 +21,7 @@ import itertools
 import math
 from typing import NamedTuple
 
-from evgp_node.results import Corrected, Standings
-from evgp_node.roster import Format
+from evgp_node.results import Corrected
 from evgp_node.stream import Gap
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
@@ -288,11 +287,6 @@ class Account:
     def began_ns(self) -> int:
         """Return the wall time of the first event, or of the run's start if it has none, in ns."""
         return self.kept.run.began_ns if self._first is None else self._first.wall_ns
-
-    @property
-    def overall(self) -> dict[Format, Standings]:
-        """Return the results with the newest standings over all heats of each format."""
-        return {each.format: each for each in self.timing.values()}
 
     @property
     def commands(self) -> list[Happened]:

@@ -11,7 +11,7 @@ style.
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import functools
 import hashlib
 from importlib import metadata
@@ -31,6 +31,7 @@ from evgp_rcs.record.report.drawing import Drawing, drawing, WIDTH
 from evgp_rcs.record.report.model import Account, Alert, STOPS
 from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.record.runs import DONE, Runs, UnreadableError
+from evgp_rcs.record.timing import Timing
 from evgp_rcs.rules.race import EventKind
 from jinja2 import Environment, StrictUndefined, Template
 
@@ -80,7 +81,13 @@ def _template() -> Template:
     return environment.from_string(_file('page.html.j2'))
 
 
-def page(runs: Runs, account: Account, sums: Sequence[tuple[str, str]], event_name: str) -> str:
+def page(
+    runs: Runs,
+    account: Account,
+    timing: Timing,
+    sums: Sequence[tuple[str, str]],
+    event_name: str,
+) -> str:
     """
     Return the report of a run.
 
@@ -92,6 +99,7 @@ def page(runs: Runs, account: Account, sums: Sequence[tuple[str, str]], event_na
     title = f'Race report, {clock.moment(clock.began_ns):%Y-%m-%d %H:%M}'
     # The foot of every printed page, which contains no untrusted text.
     foot = f'{title} · run {kept.run.number}'
+    day = runs.day_of(kept.run)
     on_paper = account.events
     if len(on_paper) > PAPER_ROWS:
         on_paper = [each for each in on_paper if each.event.kind not in LESSER][:PAPER_ROWS]
@@ -101,14 +109,14 @@ def page(runs: Runs, account: Account, sums: Sequence[tuple[str, str]], event_na
         runs=runs,
         kept=kept,
         event_name=event_name,
-        others=[each for each in runs.day_of(kept.run) if each is not kept.run],
+        others=[each for each in day if each is not kept.run],
         sums=sums,
         replay=_replay(account.replay),
         rules=account.replay.rules,
         program=f'evgp_rcs {metadata.version("evgp_rcs")}',
         made_ns=time.time_ns(),
         clock=clock,
-        overall=_overall(account),
+        overall=_overall(timing.overall(day)),
         lap_chart=_lap_chart,
         asked_about=lambda timing: [each for each in timing.passings if each.mark in ASKED_ABOUT],
         crossed=lambda race, at: clock.at((race.green or 0.0) + at, 3),
@@ -147,10 +155,9 @@ def _drawings(account: Account, clock: Clock) -> list[Drawing]:
     return drawings
 
 
-def _overall(account: Account) -> list[Standings]:
+def _overall(last: Mapping[Format, Standings]) -> list[Standings]:
     """Return the last results of each format that has results over several heats."""
-    last, formats = account.overall, (Format.TIME_TRIAL, Format.PRACTICE)
-    found = [last[each] for each in formats if each in last]
+    found = [last[each] for each in (Format.TIME_TRIAL, Format.PRACTICE) if each in last]
     return [each for each in found if each.overall not in ((), each.karts)]
 
 

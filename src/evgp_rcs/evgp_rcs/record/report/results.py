@@ -95,11 +95,6 @@ def main(wanted: argparse.Namespace) -> int:
         kept = [runs.read(run) for run in chosen]
         code = runs.code
     timing = timing_of(wanted.file)
-    # The last written is the newest: it may be a correction of a race in an earlier run.
-    ids = {run.id for run in chosen}
-    of_day = {
-        each.format: each for (run, _), each in timing.results.items() if run in ids and each.karts
-    }
     rows: list[tuple[str, ...]] = []
     for account in (Account(each, timing) for each in kept):
         run = account.kept.run.number
@@ -108,7 +103,7 @@ def main(wanted: argparse.Namespace) -> int:
             code = PARTLY
         clock = Clock(account.began_ns)
         # Runs of several days are several events.
-        overall = account.overall if wanted.all else of_day
+        overall = timing.overall(runs.day_of(account.kept.run))
         for race in account.races:
             rows += ((str(run), *row) for row in _rows(account, race, clock, overall))
             if race.taken_up:
