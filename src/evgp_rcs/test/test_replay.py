@@ -13,6 +13,7 @@ import itertools
 import math
 import pathlib
 import random
+import sys
 from typing import Any, get_args, get_type_hints
 
 from evgp_node.stream import Gap
@@ -20,6 +21,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main
 from evgp_rcs.record.replay import OF_THE_SERVER, Replay
 from evgp_rcs.record.runs import DONE, Kept, UNREADABLE
+from evgp_rcs.record.store import rules_version
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules import race as rules
 from evgp_rcs.rules.inputs import Entry, Ordered, Rules
@@ -212,6 +214,18 @@ def test_rules_that_fail_are_a_difference(monkeypatch: pytest.MonkeyPatch) -> No
     difference = replayed(running.stream()).difference
     assert difference is not None
     assert 'ZeroDivisionError' in difference.replayed
+
+
+def test_rules_of_which_a_part_was_changed_have_another_version(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Or nothing would say why a record differs that was made by the same race.py."""
+    used = {str(getattr(each, '__module__', '')) for each in vars(rules).values()}
+    for name in sorted(each for each in used if each.startswith('evgp_')):
+        changed, before = tmp_path / name, rules_version()
+        changed.write_bytes(pathlib.Path(str(sys.modules[name].__file__)).read_bytes() + b'#')
+        monkeypatch.setattr(sys.modules[name], '__file__', str(changed))
+        assert rules_version() != before, name
 
 
 # ----- on the disk ------------------------------------------------------------------------

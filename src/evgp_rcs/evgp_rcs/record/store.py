@@ -40,9 +40,9 @@ from evgp_node.stream_file import (
     runs_of,
     WRITE_BLOCK,
 )
-from evgp_protocol import clock, states
+from evgp_protocol import clock, link, states
 from evgp_rcs.record.run_mark import claim, in_words
-from evgp_rcs.rules import catalogue, race
+from evgp_rcs.rules import catalogue, inputs, link_quality, race
 from evgp_rcs.rules.inputs import Batch, encode, entries_of, Rules
 from evgp_rcs.rules.race import EventKind, RaceMemory, StampedEvent
 
@@ -88,16 +88,17 @@ class Session:
     goes_on: bool = False
 
 
+_RULES = race, catalogue, inputs, link_quality, link, states
+
+
 def rules_version() -> str:
     """
-    Return the version of the rules: 16 hexadecimal digits of a hash of their sources.
+    Return the version of the rules: 16 hexadecimal digits of a hash of all sources that they use.
 
     The same version replays a run to the same result. It is empty if the sources are missing.
     """
     try:
-        texts = [
-            pathlib.Path(str(each.__file__)).read_bytes() for each in (race, catalogue, states)
-        ]
+        texts = [pathlib.Path(str(each.__file__)).read_bytes() for each in _RULES]
     except OSError:
         return ''
     return hashlib.sha256(b'\0'.join(texts)).hexdigest()[:16]
