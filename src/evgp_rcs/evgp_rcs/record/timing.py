@@ -25,7 +25,7 @@ class Timing(NamedTuple):
     """
     The timekeeper's data, by the id of the run and the number of the race in that run.
 
-    :param results: the last results of each race, the last written last.
+    :param results: the last results of each race with karts, the last written last.
     :param corrections: the corrections of each race, in order, except laps counted by hand.
     """
 
@@ -39,8 +39,7 @@ class Timing(NamedTuple):
         They may be a correction of a race in an earlier run.
         """
         ids = {run.id for run in day}
-        results = (each for (run, _), each in self.results.items() if run in ids and each.karts)
-        return {each.format: each for each in results}
+        return {each.format: each for (run, _), each in self.results.items() if run in ids}
 
 
 def entries(path: pathlib.Path) -> Iterator[tuple[int, Standings | Corrected | Gap]]:
@@ -66,7 +65,8 @@ def timing_of(record: pathlib.Path) -> Timing:
                 say(f'{path}, stream {run}: {entry}; results may be missing')
             elif isinstance(entry, Standings):
                 found.results.pop((entry.run, entry.race), None)
-                found.results[entry.run, entry.race] = entry
+                if entry.karts:
+                    found.results[entry.run, entry.race] = entry
             elif entry.correction.act is not Act.COUNT:
                 found.corrections.setdefault((entry.run, entry.race), []).append(entry)
     except FileNotFoundError:

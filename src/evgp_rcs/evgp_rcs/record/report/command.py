@@ -37,7 +37,7 @@ def main(wanted: argparse.Namespace) -> int:
         kept = runs.read(run)
         sums = _sums(runs, kept)
     timing = timing_of(wanted.file)
-    account = Account(kept, timing)
+    account = Account(kept)
     written = page(runs, account, timing, sums, wanted.event)
     what = f'run {run.number}, {len(account.events)} events'
     return put(written, wanted.output, what) or (PARTLY if account.gaps else runs.code)

@@ -27,7 +27,6 @@ from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.replay import Replay, Step
 from evgp_rcs.record.runs import Kept
-from evgp_rcs.record.timing import Timing
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.inputs import Input, Recovered
 from evgp_rcs.rules.race import Event, EventKind, Kart, Outcome, Race, StampedEvent
@@ -252,17 +251,10 @@ class Account:
     :ivar lost: number of connections to karts that were lost in races.
     :ivar outside: what happened outside any race.
     :ivar ended: the event of race control's end; None if there is none.
-    :ivar timing: the timekeeper's results, by the number of the race, the last written last.
-    :ivar of_timing: the officials' corrections of the results, by the number of the race.
     """
 
-    def __init__(self, kept: Kept, timing: Timing | None = None) -> None:
+    def __init__(self, kept: Kept) -> None:
         self.kept = kept
-        run = kept.run.id
-        found = timing or Timing({}, {})
-        results, corrections = found.results.items(), found.corrections.items()
-        self.timing = {race: each for (its, race), each in results if its == run and each.karts}
-        self.of_timing = {race: each for (its, race), each in corrections if its == run}
         self.replay = Replay(kept)
         self.events: list[Happened] = []
         self.gaps: list[tuple[float, Gap]] = []

@@ -106,6 +106,7 @@ def page(
 
     return _template().render(
         account=account,
+        timing=timing,
         runs=runs,
         kept=kept,
         event_name=event_name,

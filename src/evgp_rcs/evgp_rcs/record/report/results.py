@@ -14,11 +14,9 @@ from collections.abc import Iterator, Mapping
 import csv
 import io
 import pathlib
-from typing import TypeAlias
 import unicodedata
 
 from evgp_node.results import KartResult, Standings, Status
-from evgp_node.roster import Format
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report import wording
 from evgp_rcs.record.report.model import Account, RaceAccount, Result
@@ -52,9 +50,6 @@ COLUMNS = (
     'overall',
 )
 """Columns of the table; docs/record.md explains them."""
-
-_Overall: TypeAlias = Mapping[Format, Standings]
-"""The newest standings over all heats of each format, in the results of its last race."""
 
 FORMULA = '=+-@\t\r\n'
 """First characters with which a spreadsheet may run a cell as a formula."""
@@ -96,7 +91,7 @@ def main(wanted: argparse.Namespace) -> int:
         code = runs.code
     timing = timing_of(wanted.file)
     rows: list[tuple[str, ...]] = []
-    for account in (Account(each, timing) for each in kept):
+    for account in map(Account, kept):
         run = account.kept.run.number
         if lacks := account.replay.lacks:
             say(f'run {run} is only partly known: {lacks}')
@@ -105,7 +100,10 @@ def main(wanted: argparse.Namespace) -> int:
         # Runs of several days are several events.
         overall = timing.overall(runs.day_of(account.kept.run))
         for race in account.races:
-            rows += ((str(run), *row) for row in _rows(account, race, clock, overall))
+            timed = timing.results.get((account.kept.run.id, race.number))
+            best = overall[timed.format].overall if timed else ()
+            places = {each.kart: each.place for each in best}
+            rows += ((str(run), *row) for row in _rows(account, race, clock, timed, places))
             if race.taken_up:
                 say(
                     f'race {race.number} of run {run} began before this run, so its starters are '
@@ -122,7 +120,11 @@ def main(wanted: argparse.Namespace) -> int:
 
 
 def _rows(
-    account: Account, race: RaceAccount, clock: Clock, overall: _Overall
+    account: Account,
+    race: RaceAccount,
+    clock: Clock,
+    timing: Standings | None,
+    places: Mapping[int, int],
 ) -> Iterator[tuple[str, ...]]:
     def moment(at: float | None) -> str:
         if at is None:
@@ -130,7 +132,6 @@ def _rows(
         return clock.moment(clock.wall_ns(at)).isoformat(timespec='milliseconds')
 
     complete = race.stop is not None and not (race.incomplete or race.taken_up)
-    timing = account.timing.get(race.number)
     for result in account.results(race):
         took = None
         if race.green is not None and result.finished is not None:
@@ -152,7 +153,7 @@ def _rows(
             *_became(result, timed, clock),
             '' if event is None else str(event.sequence),
             'yes' if complete else 'no',
-            *_timed(timing, timed, overall),
+            *_timed(timing, timed, places.get(result.kart, 0)),
         )
 
 
@@ -165,14 +166,10 @@ def _became(result: Result, timed: KartResult | None, clock: Clock) -> tuple[str
     return result.out.why.name, wording.why_out(result.out, clock)
 
 
-def _timed(
-    timing: Standings | None, kart: KartResult | None, overall: _Overall
-) -> tuple[str, ...]:
+def _timed(timing: Standings | None, kart: KartResult | None, overall: int) -> tuple[str, ...]:
     if timing is None or kart is None:
         return ('',) * 9
     grid = timing.grid.index(kart.kart) + 1 if kart.kart in timing.grid else ''
-    of_format = overall[timing.format].overall
-    over_heats = next((each.place for each in of_format if each.kart == kart.kart), '')
     return (
         timing.format.value,
         str(grid),
@@ -182,7 +179,7 @@ def _timed(
         _time(kart.best),
         ' '.join(map(_time, kart.lap_times)),
         defused('; '.join(f'{each} ({each.official})' for each in kart.penalties)),
-        str(over_heats or ''),
+        str(overall or ''),
     )
 
 
