@@ -468,7 +468,8 @@ each replaced method of `Kart` returns (for k, and its argument x) and when."""
 _HABITS = """
 says a newline after each frame | say Kart.say(k, x + b'\\r\\n')
 says each byte by itself | say [Kart.say(k, bytes([each])) for each in x]
-says every frame back | on_frame k.say(encode(x)) if x is k.commanded and k.reached_at
+says every frame back |
+    on_frame k.say(encode(x)) if x is k.commanded and (k.reached_at or x is IN_GARAGE)
 says in each turn what it has reached | reports report_each_turn(k)
 has a tiny window | prepare x.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
 is slow and gentle | speeds_up ACCELERATION / 10 * (k.since > DEAD_TIME);
