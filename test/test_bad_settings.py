@@ -148,7 +148,7 @@ PAUSE = '/**:\n  ros__parameters:\n    pause: 2.0\n'
         (PAUSE.replace('ros__', 'ros_'), ':3', ''),
         ('- pause: 2.0\n', ':1', ''),
         ('/**:\n  ros__parameters: &all\n    pause: *all\n', ':3', ''),
-        ('[' * 3000, '', ''),
+        ('[' * 500, '', ''),
         (None, '', ''),  # there is no such file
         ('\ufeff' + PAUSE.replace('\n', '\r\n'), None, ''),
     ],
