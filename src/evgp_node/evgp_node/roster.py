@@ -326,9 +326,9 @@ class _Reading:
         return karts, self._heats(fields['heats']) if 'heats' in fields else []
 
     def _compose(self, text: str) -> yaml.Node | None:
-        with contextlib.suppress(yaml.YAMLError, ValueError, OverflowError):  # reported below
-            self._refuse_cuts(text)
         try:
+            with contextlib.suppress(yaml.YAMLError, ValueError, OverflowError):  # reported below
+                self._refuse_cuts(text)
             return yaml.compose(text, Loader=_Loader)
         except yaml.MarkedYAMLError as error:
             raise _broken(text, error) from error
@@ -350,7 +350,7 @@ class _Reading:
             inside += isinstance(token, (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken))
             inside -= isinstance(token, (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken))
             if inside > 10:
-                return  # no roster is nested so deeply, and the scanner would become slow
+                raise RecursionError  # early, because the scanner would become slow
             name = isinstance(token, yaml.ScalarToken) and token.plain and _is_text(token.value)
             end = token.end_mark
             if (inside or name) and _COMMENT.match(text, end.index):
