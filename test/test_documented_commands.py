@@ -61,6 +61,8 @@ def of(*start: str) -> list[Any]:
 def test_make_has_the_target_and_the_variables(words: list[str]) -> None:
     given = [each for each in words[1:] if '=' in each]
     assert {each.partition('=')[0] for each in given} <= VARIABLES
+    for path in re.findall(r'[\w./]+/test_\w+\.py', ' '.join(given)):
+        assert (ROOT / path).exists(), path
     done = subprocess.run(
         ['make', '-n', *words[1:], 'IN_WORKSPACE=:'], cwd=ROOT, capture_output=True, text=True
     )
