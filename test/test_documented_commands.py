@@ -32,7 +32,7 @@ def commands(document: str) -> Iterator[list[str]]:
     """Yield the words of each command line in a document, without what the shell does."""
     text = text_of(document).replace('\\\n', ' ')
     fenced = re.findall(r'^ *```sh\n(.*?)^ *```', text, re.MULTILINE | re.DOTALL)
-    inline = re.findall(r'`([^`\n]+ [^`\n]+)`', re.sub(r'```.*?```', '', text, flags=re.DOTALL))
+    inline = re.findall(r'`([^`\n]+)`', re.sub(r'```.*?```', '', text, flags=re.DOTALL))
     for line in (*(each for block in fenced for each in block.splitlines()), *inline):
         for part in re.split(r'&&|; |\||>', line):
             try:
