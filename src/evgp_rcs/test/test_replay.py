@@ -31,8 +31,18 @@ from recorded_races import edit, kept, ROSTER, Running, SETUP
 from rig.faults import faults_in, module_with
 
 
-def replayed(entries: Sequence[Entry]) -> Replay:
-    return Replay(kept(entries)).run()
+@dataclasses.dataclass(frozen=True)
+class Listed(Kept):
+    """A stream that is not encoded, which would take most of the time."""
+
+    listed: Sequence[Entry]
+
+    def entries(self) -> Iterator[Entry | Gap]:
+        return iter(self.listed)
+
+
+def replay_of(entries: Sequence[Entry]) -> Replay:
+    return Replay(Listed(kept(entries[:1]).run, [], entries))
 
 
 Capture = pytest.CaptureFixture[str]
@@ -42,7 +52,7 @@ Capture = pytest.CaptureFixture[str]
 def test_a_race_that_is_replayed_with_its_own_rules_does_not_differ(seed: int) -> None:
     running = Running(seed).run(400)
     assert any(each.event.state is RaceState.GREEN_GREEN for each in running.stamped)
-    found = replayed(running.stream())
+    found = replay_of(running.stream()).run()
     assert (found.difference, found.missing) == (None, '')
     assert found.inputs > 800
     assert found.orders > 20
@@ -154,16 +164,6 @@ HARMS: dict[str, tuple[Fits, Callable[[Any], list[Any]]]] = {
 }
 
 
-@dataclasses.dataclass(frozen=True)
-class Listed(Kept):
-    """A stream that is not encoded, which would take most of the time."""
-
-    listed: Sequence[Entry]
-
-    def entries(self) -> Iterator[Entry | Gap]:
-        return iter(self.listed)
-
-
 @pytest.mark.parametrize('seed', range(2))
 @pytest.mark.parametrize('harm', HARMS)
 def test_what_was_changed_is_found_and_named_with_its_time(harm: str, seed: int) -> None:
@@ -172,7 +172,7 @@ def test_what_was_changed_is_found_and_named_with_its_time(harm: str, seed: int)
     pairs = enumerate(itertools.pairwise([*entries, None]))
     place = random.Random(seed).choice([place for place, pair in pairs if fits(*pair)])
     entries = [*entries[:place], *change(entries[place]), *entries[place:][1:]]
-    replay = Replay(Listed(kept(entries[:1]).run, [], entries))
+    replay = replay_of(entries)
     # From the difference on nothing is known but what the stream says, and it is all said.
     told = [event for step in replay.steps() for event in step.events]
     assert told == [each for each in entries if isinstance(each, StampedEvent)]
@@ -201,7 +201,7 @@ def test_a_change_of_the_rules_is_found_in_a_record_of_the_right_ones(
     streams = [ended(seed) for seed in range(10)]
     faulty = module_with(rules, FAULTS[name])
     monkeypatch.setattr(inputs, 'Race', faulty.Race)
-    assert any(replayed(stream).difference for stream in streams)
+    assert any(replay_of(stream).run().difference for stream in streams)
 
 
 def test_rules_that_fail_are_a_difference(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -211,7 +211,7 @@ def test_rules_that_fail_are_a_difference(monkeypatch: pytest.MonkeyPatch) -> No
         raise ZeroDivisionError('a fault put in by the test')
 
     monkeypatch.setattr(rules.Race, 'tick', broken)
-    difference = replayed(running.stream()).difference
+    difference = replay_of(running.stream()).run().difference
     assert difference is not None
     assert 'ZeroDivisionError' in difference.replayed
 
