@@ -454,37 +454,48 @@ def test_report_and_table_have_what_the_timekeeper_says_of_a_race_but_no_laps_by
     assert words in report(timed(record, full))
 
 
-def test_the_standing_over_all_heats_is_the_newest_of_the_day_whichever_run_is_asked_for(
-    tmp_path: pathlib.Path,
+def be_long_ago(entries: list[Entry]) -> None:
+    entries[:] = [
+        each._replace(wall_ns=1) if isinstance(each, Began | StampedEvent) else each
+        for each in entries
+    ]
+
+
+def test_the_table_has_the_races_of_the_day_or_run_and_always_the_newest_standing_of_the_day(
+    path: pathlib.Path,
 ) -> None:
     """A penalty for an earlier race is in its own results and in the standing of all."""
     one, two = (KartResult(kart, 1, Status.CLASSIFIED, 1, 9.0, (9.0,), ()) for kart in (7, 8))
     penalised = one._replace(total=14.0)
-    trial = Standings(race=1, format=Format.TIME_TRIAL)
-    first, second = PaperRace(TEAMS), PaperRace(TEAMS)
-    for paper in (first, second):
+    trial = Standings(race=1, format=Format.TIME_TRIAL, karts=(one,), overall=(one,))
+    ids = []
+    for _ in range(3):
+        paper = PaperRace(TEAMS)
         paper.go(f'connect 7 8 9, wait 1, {DRIVE_AND_STOP}')
-        record = paper.write(tmp_path / 'record.sqlite3')
+        paper.write(path)
+        ids.append(paper.race.run)
+    edit(path, be_long_ago)
     timed(
-        record,
-        trial._replace(run=first.race.run, karts=(one,), overall=(one,)),
+        path,
+        *(trial._replace(run=each) for each in ids[:2]),
         trial._replace(karts=(two,), overall=(one, two._replace(place=2))),
-        trial._replace(
-            run=first.race.run, karts=(penalised,), overall=(two, penalised._replace(place=2))
-        ),
+        trial._replace(run=ids[1], karts=(penalised,), overall=(two, penalised._replace(place=2))),
     )
     told = 'run', 'kart', 'total', 'overall'
-    rows = [('1', '7', '14.000', '2'), ('2', '8', '9.000', '1')]
+    rows = [('1', '7', '9.000', '1'), ('2', '7', '14.000', '2'), ('3', '8', '9.000', '1')]
     for asked, wanted in (
-        ('', rows),
+        ('', rows[1:]),
         ('--all', rows),
         ('--run 1', rows[:1]),
-        ('--run 2', rows[1:]),
+        ('--run 2', rows[1:2]),
+        ('--run 3', rows[2:]),
     ):
-        found = [tuple(row[each] for each in told) for row in rows_of(record, *asked.split())]
-        assert [row for row in found if row[3]] == wanted
-    for run in ('1', '2'):
-        page = report(record, '--run', run)
+        found = rows_of(path, *asked.split())
+        timed_rows = [tuple(row[each] for each in told) for row in found if row['overall']]
+        assert timed_rows == wanted
+        assert {row['run'] for row in found} == {run for run, *_ in wanted}
+    for run in ('2', '3'):
+        page = report(path, '--run', run)
         assert [row[:2] for row in tables(page, 'order results')[-1]] == [
             ['1.', 'Kart 8 (Michigan)'],
             ['2.', 'Kart 7 (Purdue)'],
@@ -636,29 +647,6 @@ def test_table_and_report_have_for_every_kart_of_every_race_its_time_or_why_it_h
     assert [row[2] for each in tables(page, 'order') for row in each] == [
         '20.000 s' if row['seconds'] else f'did not finish: {row["reason"]}' for row in rows
     ]
-
-
-def test_the_table_has_the_races_of_every_run_of_the_day(path: pathlib.Path) -> None:
-    for _ in range(3):
-        paper = PaperRace({7: 'Purdue'})
-        paper.connect(7)
-        paper.drive()
-        paper.write(path)
-
-    def be_long_ago(entries: list[Entry]) -> None:
-        entries[:] = [
-            each._replace(wall_ns=1) if isinstance(each, Began | StampedEvent) else each
-            for each in entries
-        ]
-
-    edit(path, be_long_ago)
-
-    def runs_in(*arguments: str) -> list[str]:
-        return [row['run'] for row in rows_of(path, *arguments)]
-
-    assert runs_in() == ['2', '3']
-    assert runs_in('--all') == ['1', '2', '3']
-    assert runs_in('--run', '2') == ['2']
 
 
 def test_a_day_ends_with_hours_without_race_control_and_not_at_midnight(
