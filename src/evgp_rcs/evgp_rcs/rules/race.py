@@ -1655,9 +1655,11 @@ class Race:
                 text = f'it reported GREEN_GREEN while being sent {kart.sent.value}'
                 yield AlertKind.MOVING_UNASKED, number, f'Stop {kart} with RED_RED: {text}'
             if kart.in_race and kart.link.grade is Grade.POOR:
-                text = f'{kart} {kart.link.delay}'
-                text = f'Send RED_FLAG, or LEAVE_RACE before GREEN_GREEN: {text}'
-                yield AlertKind.LINK_POOR, number, text
+                # A kart that is being sent a red is being stopped already.
+                advice = 'Send RED_FLAG: ' if kart.sent is GREEN_GREEN else ''
+                if kart.sent in (IN_GARAGE, GRID_ACTIVE):
+                    advice = 'LEAVE_RACE before GREEN_GREEN: '
+                yield AlertKind.LINK_POOR, number, f'{advice}{kart} {kart.link.delay}'
             if kart.contested:
                 text = f'Two programs keep connecting as {kart}: have the team stop one of them'
                 yield AlertKind.TWO_PROGRAMS, number, text
