@@ -485,7 +485,8 @@ def test_any_text_is_a_roster_that_other_readers_read_alike_or_is_refused_in_few
     text: str, edits: list[tuple[int, int, str]]
 ) -> None:
     for at, length, new in edits:
-        text = text[:at] + new + text[at + length :]
+        end = at + length
+        text = text[:at] + new + text[end:]
     try:
         roster = parse_roster(text, 'roster')
     except RosterError as error:
