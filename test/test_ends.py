@@ -138,3 +138,46 @@ def test_a_process_ends_in_time_and_with_its_exit_code_whatever_hangs_however_of
     assert process.returncode == code, errors
     assert printed == ('' if 'running' in where else 'closed\n')
     assert ('ArithmeticError: of its own' in errors) == ('fails' in where)
+
+
+LOGGING = """
+import pathlib, sys
+from evgp_node import process
+from evgp_node.parameters import StrictNode
+
+class Logging(StrictNode):
+    def __init__(self, on_failure):
+        super().__init__('logging')
+        self._lines = 0
+        self.create_timer(0.05, self._log)
+
+    def _log(self):
+        self.get_logger().info('a line')
+        self._lines += 1
+        if self._lines == 10:
+            pathlib.Path(sys.argv[1]).touch()
+
+sys.exit(process.run_node('logging', Logging))
+"""
+
+
+@pytest.mark.parametrize('kept', [[], ['-m', 'evgp_node.restarting', sys.executable]])
+def test_a_node_without_standard_streams_goes_on_until_it_is_told_to_end(
+    kept: list[str], parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    program, up = tmp_path / 'says.py', tmp_path / 'up'
+    program.write_text(LOGGING)
+    closed = ['sh', '-c', 'exec "$@" <&- >&- 2>&-', 'sh']
+    process = subprocess.Popen(
+        [*closed, sys.executable, *kept, str(program), str(up)],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(parts.enter_context(Domain()).number)},
+    )
+    parts.callback(process.wait)
+    parts.callback(process.kill)
+    until = time.monotonic() + PATIENCE
+    while not up.exists():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    assert process.poll() is None
+    process.terminate()
+    assert process.wait(PATIENCE) == 0

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Keeps standard output and error from blocking or ending the process."""
+"""Keeps standard input, output and error from blocking, ending or deafening the process."""
 
 from __future__ import annotations
 
@@ -14,6 +14,18 @@ import threading
 
 FINISH_TIMEOUT = 1.0
 """Maximum time for printing the last output at the end, in seconds."""
+
+
+def open_closed_streams() -> None:
+    """
+    Open each of the standard streams that is closed, at nothing.
+
+    Call this first. Otherwise, a socket or pipe of the process would take its number, and what is
+    printed, or put in place of the stream, would take the place of that socket or pipe.
+    """
+    while (opened := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(opened, True)
+    os.close(opened)
 
 
 def show_what_it_can() -> None:
@@ -40,8 +52,8 @@ def unwaiting_output() -> Iterator[None]:
     try:
         yield
     finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
+        for each in filter(None, (sys.stdout, sys.stderr)):  # None if Python found it closed
+            each.flush()
         for pump in pumps:
             pump.finish()
 

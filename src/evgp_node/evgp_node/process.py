@@ -21,7 +21,7 @@ import traceback
 
 from evgp_node.deadline import end_within
 from evgp_node.graph import bind_graph, GraphError, NotNowError, where_reachable
-from evgp_node.output import unwaiting_output
+from evgp_node.output import open_closed_streams, unwaiting_output
 from evgp_node.parameter_files import unreadable
 from evgp_node.parameters import ParameterError, StrictNode
 from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
@@ -80,6 +80,7 @@ def run_node(
     :return: 0 after an orderly end, 1 if the node could not go on (a traceback on stderr says
         why), `WRONG_SETTING` or `IN_THE_WAY`.
     """
+    open_closed_streams()
     sys.setswitchinterval(SWITCH_INTERVAL)
     # A signal may interrupt any thread, but only the main thread runs Python's handlers. It
     # therefore waits for a byte, which the interrupted thread writes.

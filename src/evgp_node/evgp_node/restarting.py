@@ -20,6 +20,8 @@ import subprocess
 import sys
 import time
 
+from evgp_node.output import open_closed_streams
+
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Signals that end our programs normally. A terminal sends one of them when it is closed."""
 
@@ -83,6 +85,7 @@ def keep_running(command: Sequence[str], *, gives_way: bool = False) -> int:
     :return: the program's exit code, or 128 plus the number of the signal that ended it; 0 if a
         signal came while the program was not running.
     """
+    open_closed_streams()
     told, tell = os.pipe()
     os.set_blocking(tell, False)
     signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
