@@ -549,7 +549,8 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     ('standstill_speed', 'Maximum speed of a kart at standstill, in m/s.', (0.0, 0.5)),
     (
         'standstill_time',
-        'Time at standstill after which a kart counts as stopped, in seconds.',
+        'Time at standstill after which a kart counts as stopped, in seconds; more than its dead '
+        'time.',
         (0.1, 10.0),
     ),
     (
