@@ -328,6 +328,9 @@ def test_an_inspection_whose_terminal_is_closed_leaves_its_report(
         ['kart', '--odometry', 'udp:99999', *UNATTENDED],
         ['kart', '--odometry', 'udp:odom', *UNATTENDED],
         ['kart', '--port', '99999', *UNATTENDED],
+        ['kart', '--kart-address', '300.1.1.1', *UNATTENDED],
+        ['kart', '--report', '/dev/null', *UNATTENDED],
+        ['survey', '--word', 'ready', '--report', '/dev/null/today'],
         ['survey'],  # nobody can type the word
         ['survey', '--word', 'yes'],
         ['survey', '--word', 'ready', '--listen', '192.0.2.1'],

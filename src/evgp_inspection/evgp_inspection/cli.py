@@ -12,6 +12,7 @@ import contextlib
 import dataclasses
 import datetime
 import functools
+import ipaddress
 import random
 import sys
 
@@ -58,7 +59,9 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
     add('--team', default='', help="the team's name, for the report")
     add('--inspector', default='', help="the inspector's name, for the report")
     add(
-        '--kart-address', default='', help="the kart's IPv4 address; default: the first to connect"
+        '--kart-address',
+        type=ipaddress.IPv4Address,
+        help="the kart's IPv4 address; default: the first to connect",
     )
     add('--number', type=int, default=0, help="the kart's number, for the report")
     add(
@@ -178,7 +181,7 @@ async def _with_the_word(
             stopping,
             host=options.listen,
             port=options.port,
-            kart_address=options.kart_address,
+            kart_address=str(options.kart_address or ''),
             odometry=odometry if options.odometry else None,
             kills=_kills(options, inspector, limits),
             steps=RACE_STEPS if options.race else (),

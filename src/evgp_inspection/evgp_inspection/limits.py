@@ -13,6 +13,8 @@ import argparse
 from collections.abc import Sequence
 import dataclasses
 import math
+import os
+import pathlib
 from typing import TypeVar
 
 from evgp_inspection import VERSION
@@ -74,6 +76,11 @@ class _Limits:
                 help=f'{field.metadata["meaning"]} (%(default)s)',
             )
         options = parser.parse_args(arguments)
+        # Whoever finds this out at the end has lost the report.
+        report = pathlib.Path(options.report).absolute()
+        parent = next(each for each in (report, *report.parents) if each.exists())
+        if options.report and not (parent.is_dir() and os.access(parent, os.W_OK)):
+            parser.error(f'--report {options.report}: {parent} is no folder that you may write to')
         try:
             return options, cls(**{field.name: getattr(options, field.name) for field in fields})
         except ValueError as error:
