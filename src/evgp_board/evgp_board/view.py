@@ -130,12 +130,12 @@ def results(heard: Heard) -> Shown:
     sub = 'Provisional: they can change until the timekeeper publishes them'
     if results.published:
         sub = 'Official results'
-    if heard.no_timing and results.karts:
+    if heard.no_timing:
         sub += ' · the timekeeper is silent, so they may be out of date'
     return {
         **_frame(heard),
         'title': title if results.karts else 'No results yet',
-        'sub': sub,
+        'sub': sub if results.karts else '',
         'columns': ['Laps', 'Total', 'Best'],
         'rows': [
             {

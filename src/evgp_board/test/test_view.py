@@ -111,6 +111,7 @@ def test_results_are_official_only_once_the_timekeeper_has_published_them() -> N
         for page in (view.board(heard), view.results(heard)):
             assert word in page['sub'].lower()
             assert other not in page['sub'].lower()
+    assert not view.results(Heard(race(kart(3)), results()))['sub']  # there are none yet
 
 
 def test_a_penalty_is_noted_by_what_it_takes_unless_the_status_says_so() -> None:
